@@ -1,6 +1,6 @@
-// cells: sums along z to the cells of a box as splats, brick by brick, like classify.wgsl. `count` counts the cells
-// that are kept, each invocation in a row of a brick, a scan turns the counts into places, and `emit` writes the splats
-// there, an invocation each.
+// cells: sums along z to the cells of a box, brick by brick, like classify.wgsl. `count` counts the cells that are
+// kept, each invocation in a row of a brick, a scan turns the counts into places, and `emit` writes the words of the
+// cells there, an invocation each.
 // uses: common/dispatch, common/words
 
 // Cells along the side of a brick.
@@ -13,15 +13,11 @@ struct CellBox {
     least: f32,
     // Bricks along x and y, and all bricks.
     bricks: vec3u,
-    // Number of the first brick of the box among the bricks of the store.
-    first_brick: u32,
-    // Number of its first splat among the splats of the store.
-    first_splat: u32,
+    // The plane with the first weight in the first cell: below 0 before the first plane.
+    low: i32,
     // Voxels along a cell, as a fraction in lowest terms: as many cells as the divisor have weights of their own.
     over: u32,
     under: u32,
-    // The plane with the first weight in the first cell: below 0 before the first plane.
-    low: i32,
     // Planes; beyond them all sums are 0.
     planes: u32,
 }
@@ -30,17 +26,15 @@ struct CellBox {
 @group(0) @binding(1) var<storage, read> weights: array<f32>;
 // Sums along x and y of planes of voxels: colour times density, and density; x fastest.
 @group(0) @binding(2) var<storage, read> planes: array<vec4f>;
-// For each row of a brick: its number of cells; after the scan, the place of its first splat.
+// For each row of a brick: its number of cells; after the scan, the place of its first one.
 @group(0) @binding(3) var<storage, read_write> places: array<u32>;
 // For each row of a brick: a bit for each cell, set if it is kept; the lowest bit is the first cell.
 @group(0) @binding(4) var<storage, read_write> seen: array<u32>;
-@group(0) @binding(5) var<storage, read_write> splats: array<vec2u>;
+// The words density_blue and color of cells that are kept.
+@group(0) @binding(5) var<storage, read_write> appearances: array<vec2u>;
 
 // A row of a brick, along x.
 struct CellRow {
-    brick: u32,
-    y: u32,
-    z: u32,
     // Place of its first cell in a plane, and the plane with the first weight in it.
     first: u32,
     low: i32,
@@ -62,9 +56,9 @@ fn cell_row(index: u32) -> CellRow {
     let taps = arrayLength(&weights) / inside.under;
     let own = point.z % inside.under * taps;
     if any(point >= inside.dims) {
-        return CellRow(brick, y, z, first, low, own, taps, 0u);
+        return CellRow(first, low, own, taps, 0u);
     }
-    return CellRow(brick, y, z, first, low, own, taps, min(EDGE, inside.dims.x - point.x));
+    return CellRow(first, low, own, taps, min(EDGE, inside.dims.x - point.x));
 }
 
 // The cell number `i` of a row.
@@ -104,11 +98,7 @@ fn emit(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) group
     if (kept >> i & 1u) == 0u {
         return;
     }
-    let row = cell_row(index / EDGE);
-    let place = inside.first_splat + places[index / EDGE] + countOneBits(kept & ((1u << i) - 1u));
-    let cell = cell_of(row, i);
-    let appearance = packed_appearance(cell.rgb / cell.w, cell.w);
-    splats[2u * place] = vec2u(splat_place(i, row.y, row.z, inside.first_brick + row.brick), appearance.x);
-    // Cells have no normals.
-    splats[2u * place + 1u] = vec2u(appearance.y, 0u);
+    let cell = cell_of(cell_row(index / EDGE), i);
+    let place = places[index / EDGE] + countOneBits(kept & ((1u << i) - 1u));
+    appearances[place] = packed_appearance(cell.rgb / cell.w, cell.w);
 }

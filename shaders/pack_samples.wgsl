@@ -12,8 +12,7 @@ override PERSPECTIVE: bool = false;
 
 // Colour and density of a visible voxel as a splat holds them, lit.
 fn lit_voxel(voxel: BrickVoxel) -> vec4f {
-    let i = sample_of(voxel.row, voxel.x);
-    let appearance = appearance_of(i);
+    let appearance = appearance_of(voxel);
     var color = splat_color(appearance.x, appearance.y);
     if LIGHTS > 0u {
         let number = number_of(voxel.row, voxel.x);
@@ -22,7 +21,8 @@ fn lit_voxel(voxel: BrickVoxel) -> vec4f {
         if PERSPECTIVE {
             to_eye = towards_eye(point - pack.eye, pack.view_x, pack.view_y, pack.view_z);
         }
-        color = lit_splat(color, packed_normal(number, i), kept_at(number), point, to_eye);
+        let normal = packed_normal(number, sample_of(voxel.row, voxel.x));
+        color = lit_splat(color, normal, kept_at(number), point, to_eye);
     }
     return vec4f(color, splat_density(appearance.x));
 }

@@ -184,7 +184,9 @@ impl fmt::Display for Error {
                 };
                 write!(f, "the picture needs about {bytes} of memory, and {limit} has {available} left{remedies}")
             }
-            Self::OutOfMemory(stage) => write!(f, "out of GPU memory while {stage}"),
+            Self::OutOfMemory(stage) => {
+                write!(f, "out of GPU memory while {stage}: draw bricks (voxsplat plan), or use --painter cpu")
+            }
             Self::Device { stage, reason } => write!(f, "graphics device failed while {stage}: {reason}"),
             Self::Image(reason) => write!(f, "picture: {reason}"),
             Self::Compare(reason) => write!(f, "cannot compare: {reason}"),

@@ -11,12 +11,13 @@ use crate::error::{Error, Result};
 use crate::frame::{Frame, Surfaces};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::{self, Context, PIXEL_BYTES, Traffic};
+use crate::gpu::drawable::Drawable;
 use crate::gpu::light_volume::PostShading;
 use crate::gpu::present::{self, Present};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::samples::Bricks;
 pub use crate::gpu::stderr::silenced;
-use crate::gpu::store::Drawable;
+use crate::gpu::store::Store;
 use crate::gpu::view::ViewGeometry;
 use crate::image::{DepthMap, Image, Region, check_scale};
 use crate::layers::{Layers, absent_value, finite};
@@ -88,6 +89,8 @@ struct PictureLayer {
     /// The largest factor by which reconstruction magnifies scalars; see [`Job::magnification`].
     magnification: Option<f64>,
     drawable: Arc<Drawable>,
+    /// The splats, for painters that draw lists.
+    lists: Arc<Vec<Store>>,
 }
 
 /// The largest memory of the sheets of a pass, bytes; larger pictures are made in parts.
@@ -468,19 +471,22 @@ impl Renderer {
         let (post, took) = scene.post_shading(&self.context, &self.pipelines, &lattice, &self.progress)?;
         *seconds += took;
         let magnification = scene.magnification(&lattice, &drawable);
-        Ok(PictureLayer { lattice, need, post, magnification, drawable })
+        let lists = if room.lists { drawable.lists(&self.context, &self.pipelines)? } else { Arc::default() };
+        Ok(PictureLayer { lattice, need, post, magnification, drawable, lists })
     }
 
     fn job<'a>(&'a self, layer: &'a PictureLayer, depths: Depths<'a>, most_fragments: f64) -> Job<'a> {
-        let PictureLayer { lattice, need, post, magnification, drawable } = layer;
+        let PictureLayer { lattice, need, post, magnification, drawable, lists } = layer;
         Job {
             context: &self.context,
             pipelines: &self.pipelines,
             view: &lattice.view,
             settings: &lattice.settings,
             kept: &drawable.kept,
-            stores: &drawable.stores,
+            voxels: drawable.voxels.as_ref(),
+            lists,
             scalars: drawable.scalars.as_ref(),
+            is_outgrown: drawable.is_outgrown,
             weights: lattice.weights,
             post: post.as_ref(),
             magnification: *magnification,

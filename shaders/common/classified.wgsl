@@ -24,7 +24,7 @@ struct Classify {
     // Subtracted from a sample before it is compared with the control points.
     sample_origin: f32,
     gradient_z: vec3f,
-    // Number of the first brick of this batch among the bricks of the store, or of the buffer of samples.
+    // Number of the first brick of this batch among the bricks of the buffer of samples.
     first_brick: u32,
     // Control points of gradient opacity, after the other points: `sample` is the length of a gradient of samples.
     gradient_points: u32,
@@ -32,8 +32,6 @@ struct Classify {
     // common/resolution.wgsl.
     base: f32,
     faintest: f32,
-    // The first splat of the store among the visible voxels that are counted together.
-    first_splat: u32,
 }
 
 struct ControlPoint {

@@ -1,20 +1,16 @@
-// The box of voxels on which light falls: those with splats, and those around them whose kernels absorb light too.
+// The box of voxels on which light falls: visible ones, and those around them whose kernels absorb light too.
 
 struct LightBox {
     // The lattice point of the first voxel: below 0 before the first face.
     low: vec3i,
-    // Splats of this dispatch.
-    count: u32,
+    // The word that holds the share of a light, and the bit at which it begins.
+    word: u32,
     dims: vec3u,
-    // The pairs of words of a splat before it is lit.
-    each: u32,
+    shift: u32,
     // The middle of the whole lattice.
     middle: vec3f,
     // The factor of the shadows of a light.
     strength: f32,
-    // The word that holds the share of a light, and the bit at which it begins.
-    word: u32,
-    shift: u32,
     // Gradients of the linear functions that are 0 or more inside clipping planes, and their values in the middle.
     clip_planes: array<vec4f, 8>,
 }

@@ -1,5 +1,9 @@
-// The voxels of bricks of samples, and which of them are visible. An invocation for each voxel.
+// The voxels of bricks, and which of them are visible. Voxels are classified samples, or words of visible voxels. An
+// invocation for each voxel.
 // uses: common/classified, common/words
+
+// `samples` are the words density_blue and color of the visible voxels of the bricks, in their order.
+override APPEARANCES: bool = false;
 
 // The place of a brick whose samples are not in the buffer.
 const ABSENT: u32 = 4294967295u;
@@ -60,8 +64,12 @@ fn sample_of(row: u32, x: u32) -> u32 {
     return first_sample(row / (EDGE * EDGE), row % EDGE, row / EDGE % EDGE) + x;
 }
 
-// The words density_blue and color of the splat of a visible voxel.
-fn appearance_of(i: u32) -> vec2u {
-    let voxel = classified(i);
-    return packed_appearance(voxel.rgb, voxel.w);
+// The words density_blue and color of a visible voxel.
+fn appearance_of(voxel: BrickVoxel) -> vec2u {
+    if APPEARANCES {
+        let number = number_of(voxel.row, voxel.x);
+        return vec2u(samples[2u * number], samples[2u * number + 1u]);
+    }
+    let found = classified(sample_of(voxel.row, voxel.x));
+    return packed_appearance(found.rgb, found.w);
 }

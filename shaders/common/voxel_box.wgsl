@@ -1,4 +1,4 @@
-// A box of voxels that become cells, see coarsen.wgsl. The stage binds `inside`.
+// A box of voxels that become cells. The stage binds `inside`.
 // uses: common/lit_splat
 
 // Rays go through one eye.
@@ -7,8 +7,7 @@ override PERSPECTIVE: bool = false;
 struct VoxelBox {
     // Lattice point of the first voxel.
     low: vec3u,
-    // The bricks of the volume that the bound samples serve, or the splats that the box may reach, from this one to
-    // before the last.
+    // The bricks of the volume that the bound samples serve, from this one to before the last.
     first: u32,
     // Voxels along each axis.
     dims: vec3u,

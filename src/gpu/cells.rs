@@ -1,37 +1,35 @@
-//! cells: the samples of a volume, or its splats in shadows, to lit cells of a level, on the device:
-//! shaders/lit_rows.wgsl or lit_splats.wgsl with coarsen.wgsl, and cells.wgsl. Boxes of cells are made one after the
-//! other: the sums along x and y of planes of voxels, then the sums along z.
+//! cells: the samples of a volume to lit cells of a level, on the device: shaders/lit_rows.wgsl and cells.wgsl. Boxes of
+//! cells are made one after the other: the sums along x and y of planes of voxels, then the sums along z.
 //!
 //! Which voxels of the samples are visible, and their normals, is found once and kept: kept_voxels.rs.
 
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use bytemuck::Zeroable;
 
 use super::cache::Cache;
-use super::classify::{JOINED, STRIDE, VisibleVoxels};
+use super::classify::VisibleVoxels;
 use super::context::Context;
 use super::kept_voxels::{CLASSIFY, FOUND};
-use super::layout::{CellBox, Coarsen, Lighting, VoxelBox};
+use super::layout::{CellBox, Lighting, VoxelBox};
 use super::pipeline::Binding;
-use super::recorder::{ComputePass, Recorder, max_work};
-use super::rows::{Collected, DevicePart, Rows, collect};
-use super::sampled::{Sampled, SampledBuffer, SampledKey};
-use super::samples::{Bricks, ROWS};
+use super::recorder::{Recorder, max_work};
+use super::samples::ROWS;
 use super::scan::{Scan, WORKGROUP};
 use super::shaders;
 use super::splat::{SplatLight, ToEye};
-use super::stage::{Stage, for_each};
-use super::store::{Drawable, Store, StoreBuilder};
-use crate::error::{Error, Result};
+use super::stage::{Constant, Stage, for_each};
+use super::voxels::{EACH, SampledBuffer, Voxels, VoxelsKey, numbers_of};
+use crate::error::Result;
 use crate::progress::Progress;
+use crate::splats::brick::BrickSplats;
 use crate::volume::BRICK_EDGE as EDGE;
 
-/// The largest number of bytes of a buffer of voxels or of sums. There is one such buffer in each frame, three for
-/// voxels in shadows. Larger ones take fewer dispatches, but to allocate 256 MiB more took 5 ms of a frame on an H200.
+/// The largest number of bytes of a buffer of sums. There is one such buffer in each frame. Larger ones take fewer
+/// dispatches, but to allocate 256 MiB more took 5 ms of a frame on an H200.
 pub(super) const MOST: u64 = 128 << 20;
-/// The number of bytes of a voxel or of a sum.
+/// The number of bytes of a sum.
 const VALUE: u64 = 16;
 /// Cells that a voxel is shared among along an axis; NODES in shaders/lit_rows.wgsl.
 pub(crate) const NODES: usize = 6;
@@ -44,6 +42,8 @@ pub(super) const TILE_ROWS: usize = 32;
 pub(crate) const OPEN: usize = 8;
 /// The work for a voxel whose normal is kept, in fragments of splats.
 const LIT: u64 = 2;
+/// The work in words that complete errors: "while ...".
+const COUNTING: &str = "classifying the volume";
 
 /// The lattice of cells of a level, and the weights of voxels in cells.
 pub(crate) struct CellLattice<'a> {
@@ -114,87 +114,56 @@ pub(super) struct Plan {
 }
 
 /// The stages of cells of any volume. In [`Stats::stages`](crate::stats::Stats::stages) they are part of `classify`.
-struct Coarsener {
-    along_axis: Stage,
+struct CellStages {
     count: Stage,
     emit: Stage,
 }
 
-impl Coarsener {
+impl CellStages {
     fn new(context: &Context) -> Self {
         use Binding::{Read, Uniform, Write};
-        let along_axis = (CLASSIFY, "along_axis");
         let slots = [Uniform, Read, Read, Write, Write, Write];
         let entries = ["count", "emit"].map(|entry| (CLASSIFY, entry));
         let [count, emit] = Stage::several(context, shaders::CELLS, entries, &slots, &[]);
-        let along_axis = Stage::new(context, shaders::COARSEN, along_axis, &[Uniform, Read, Read, Write], &[]);
-        Self { along_axis, count, emit }
+        Self { count, emit }
     }
 }
 
-/// The voxels of a volume on the device.
-#[derive(Clone, Copy)]
-pub(crate) enum Voxels<'a> {
-    /// The samples of voxels, which are classified and lit on the way.
-    Samples(&'a Sampled),
-    /// Listed voxels in shadows: splats hold the light that arrives.
-    Splats(&'a [Store]),
-}
-
-/// The pictures whose voxels one pipeline lights. Splats have no input.
+/// The pictures whose voxels one pipeline lights.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-struct VoxelsKey {
-    samples: Option<SampledKey>,
+struct LitKey {
+    voxels: VoxelsKey,
     lights: u32,
     points: bool,
     perspective: bool,
 }
 
-impl VoxelsKey {
+impl LitKey {
     /// Returns the stage that lights voxels.
     fn stage(self, context: &Context) -> Stage {
         use Binding::{Read, Uniform, Write};
-        let Self { samples, lights, points, perspective } = self;
-        let mut constants =
-            vec![("LIGHTS", lights), ("POINT_LIGHTS", points.into()), ("PERSPECTIVE", perspective.into())];
-        match samples {
-            Some(samples) => {
-                constants.extend(samples.constants());
-                let slots = [Uniform, Read, Read, Uniform, Write, Read, Read, Read, Uniform, Read, Read];
-                Stage::new(context, shaders::LIT_ROWS, (CLASSIFY, "lit_rows"), &slots, &constants)
-            }
-            None => {
-                constants.push(("SHADOWS", 1));
-                let slots = [Uniform, Uniform, Read, Read, Write];
-                Stage::new(context, shaders::LIT_SPLATS, (CLASSIFY, "lit_splats"), &slots, &constants)
-            }
-        }
+        let Self { voxels, lights, points, perspective } = self;
+        let own = [("LIGHTS", lights), ("POINT_LIGHTS", points.into()), ("PERSPECTIVE", perspective.into())];
+        let constants: Vec<Constant> = own.into_iter().chain(voxels.constants()).collect();
+        let slots = [Uniform, Read, Read, Uniform, Write, Read, Read, Read, Uniform, Read, Read];
+        Stage::new(context, shaders::LIT_ROWS, (CLASSIFY, "lit_rows"), &slots, &constants)
     }
 }
 
-/// A box of cells, kept for another light: the places of its splats stay.
-struct KeptBox {
-    cells: [Range<usize>; 3],
-    collected: Collected,
-}
-
-/// The boxes of all cells that were made together.
-struct KeptBoxes(Vec<KeptBox>);
-
 /// Makes the cells of a level under a light; `None`: unlit. `before` are the cells of the same voxels under another
-/// light, whose memory is used again.
+/// light, whose places stay and whose memory is used again.
 pub(crate) fn run(
     context: &Context,
     pipelines: &Cache,
-    (voxels, light): (Voxels<'_>, Option<&SplatLight>),
+    (voxels, light): (&Voxels, Option<&SplatLight>),
     lattice: &CellLattice<'_>,
-    before: Option<Drawable>,
+    before: Option<Arc<Voxels>>,
     progress: &Progress,
-) -> Result<Drawable> {
+) -> Result<Arc<Voxels>> {
     let (uniform, storage) = (wgpu::BufferUsages::UNIFORM, wgpu::BufferUsages::STORAGE);
     let lighting = light.map_or_else(Lighting::zeroed, |light| light.lighting);
-    let key = VoxelsKey {
-        samples: if let Voxels::Samples(sampled) = voxels { Some(sampled.key()) } else { None },
+    let key = LitKey {
+        voxels: voxels.key(),
         lights: light.map_or(0, |light| light.lights),
         points: light.is_some_and(|light| light.points),
         perspective: light.is_some_and(|light| light.to_eye.perspective),
@@ -203,37 +172,17 @@ pub(crate) fn run(
         context,
         progress,
         lattice,
-        coarsener: pipelines.get_or_make((), || Ok(Coarsener::new(context)))?,
+        stages: pipelines.get_or_make((), || Ok(CellStages::new(context)))?,
         lit_voxels: pipelines.get_or_make(key, || Ok(key.stage(context)))?,
         scan: Scan::of(pipelines, context)?,
         to_eye: light.map_or(&ToEye::PARALLEL, |light| &light.to_eye),
         lighting: context.upload("cells.lighting", bytemuck::bytes_of(&lighting), uniform)?,
         weights: context.upload("cells.weights", bytemuck::cast_slice(&lattice.weights.concat()), storage)?,
+        classify: context.upload("cells.classify", bytemuck::bytes_of(&voxels.parameters()), uniform)?,
+        points: voxels.points(),
+        parts: voxels.buffers().collect(),
     };
-    match voxels {
-        Voxels::Splats(stores) => job.run(&Source::Splats(stores), before),
-        Voxels::Samples(sampled) => {
-            let classify = context.upload("cells.classify", bytemuck::bytes_of(&sampled.parameters()), uniform)?;
-            let (parts, points) = (sampled.buffers().collect(), sampled.points());
-            job.run(&Source::Samples { parts, classify: &classify, points }, before)
-        }
-    }
-}
-
-/// The voxels of all boxes, on the device.
-enum Source<'a> {
-    Samples { parts: Vec<SampledBuffer<'a>>, classify: &'a wgpu::Buffer, points: &'a wgpu::Buffer },
-    Splats(&'a [Store]),
-}
-
-impl Source<'_> {
-    /// Returns the work for a voxel, in fragments of splats.
-    fn work(&self) -> u64 {
-        match self {
-            Source::Samples { parts, .. } if parts.iter().any(|part| part.normals.is_none()) => FOUND,
-            _ => LIT,
-        }
-    }
+    job.run(before).map(Arc::new)
 }
 
 /// The state that all boxes of cells share.
@@ -241,206 +190,122 @@ struct CellJob<'a> {
     context: &'a Context,
     progress: &'a Progress,
     lattice: &'a CellLattice<'a>,
-    coarsener: Arc<Coarsener>,
+    stages: Arc<CellStages>,
     lit_voxels: Arc<Stage>,
     scan: Arc<Scan>,
     to_eye: &'a ToEye,
     lighting: wgpu::Buffer,
     weights: wgpu::Buffer,
+    /// The voxels of all boxes: parameters, control points and samples.
+    classify: wgpu::Buffer,
+    points: &'a wgpu::Buffer,
+    parts: Vec<SampledBuffer<'a>>,
 }
 
-/// The values on the way from voxels to cells.
-struct Values {
-    /// A few planes of voxels in shadows, and their sums along x; `None`: voxels are summed as they are lit.
-    voxels: Option<[wgpu::Buffer; 2]>,
-    /// The sums along x and y of all planes of a box.
-    planes: wgpu::Buffer,
+/// The sums along x and y of all planes of a box.
+struct PlaneSums {
+    sums: wgpu::Buffer,
     /// The number of planes of voxels that are lit together.
     together: usize,
 }
 
-impl Values {
-    fn new(context: &Context, source: &Source<'_>, lattice: &CellLattice<'_>, most: u64, plan: &Plan) -> Result<Self> {
-        let &Plan { rows, lines, planes, .. } = plan;
-        let ([across, ..], [width, ..]) = (lattice.dims, lattice.voxels);
-        let buffer = |label, values: usize| {
-            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-            context.buffer(label, values as u64 * VALUE, usage)
-        };
-        let within =
-            |all: u64, of_plane: usize| (all / (of_plane as u64).max(1)).clamp(1, planes.max(1) as u64) as usize;
-        let (voxels, at_once) = match source {
-            // No dispatch outlasts the watchdog of a small GPU.
-            Source::Samples { .. } => (None, within(max_work(context) / source.work(), width * lines)),
-            Source::Splats(_) => {
-                let together = within(most / VALUE, across.max(width) * lines);
-                let voxels = buffer("cells.voxels", width * lines * together)?;
-                (Some([voxels, buffer("cells.rows", across * lines * together)?]), together)
-            }
-        };
-        let planes_of_box = buffer("cells.planes", across * rows * planes)?;
-        // Parts of much the same size.
-        Ok(Self { voxels, planes: planes_of_box, together: planes.div_ceil(planes.div_ceil(at_once)) })
-    }
-}
-
 impl CellJob<'_> {
-    fn run(&self, source: &Source<'_>, before: Option<Drawable>) -> Result<Drawable> {
-        let Self { context, lattice, .. } = self;
-        let most = MOST.min(context.largest_buffer());
-        let [across, down, deep] = lattice.dims;
-        let plan = lattice.plan(most);
-        let values = Values::new(context, source, lattice, most, &plan)?;
-        let Plan { rows, layers, .. } = plan;
-        if let Some(before) = before {
-            let kept: Arc<Mutex<Option<KeptBoxes>>> = before.kept.get_or_make((), || Ok(Mutex::default()))?;
-            let kept = kept.lock().unwrap_or_else(PoisonError::into_inner).take();
-            if let Some(boxes) = kept {
-                return self.relight(source, &values, boxes, before);
-            }
-        }
-        let mut stores = StoreBuilder::new(context, STRIDE, JOINED);
-        let mut boxes = Vec::new();
-        for z in (0..deep).step_by(layers) {
-            for y in (0..down).step_by(rows) {
-                let cells = [0..across, y..down.min(y + rows), z..deep.min(z + layers)];
-                let mut recorder = Recorder::untimed(context);
-                self.sum(&mut recorder, source, &values, &cells)?;
-                let collected = self.collect(recorder, &values.planes, &cells, &mut stores)?;
-                boxes.extend(collected.map(|collected| KeptBox { cells, collected }));
-                self.progress.check()?;
-            }
-            self.progress.report("classifying", (z + layers).min(deep) as f64 / deep as f64);
-        }
-        let made = stores.finish()?;
-        // A store that was joined holds the splats; other boxes have theirs in a buffer of their own.
-        boxes.iter_mut().try_for_each(|KeptBox { collected, .. }| {
-            collected.rows.splats = made.stores[collected.store].on_device(context)?;
-            Ok::<_, Error>(())
-        })?;
-        let all = lattice.dims.into_iter().map(|n| n.div_ceil(EDGE) as u32).product();
-        let uploaded = made.stores.iter().map(|store| store.runs().count() as u32).sum();
-        let made = Drawable { bricks: Bricks { all, uploaded, bytes: 0 }, ..made };
-        made.kept.get_or_make((), || Ok(Mutex::new(Some(KeptBoxes(boxes)))))?;
-        Ok(made)
+    /// Returns the work for a voxel, in fragments of splats.
+    fn work(&self) -> u64 {
+        if self.parts.iter().any(|part| part.normals.is_none()) { FOUND } else { LIT }
     }
 
-    /// Lights the cells of `boxes` again, without a wait.
-    fn relight(
-        &self,
-        source: &Source<'_>,
-        values: &Values,
-        boxes: KeptBoxes,
-        Drawable { stores, bricks, .. }: Drawable,
-    ) -> Result<Drawable> {
+    fn planes(&self, Plan { rows, lines, planes, .. }: Plan) -> Result<PlaneSums> {
+        let ([across, ..], [width, ..]) = (self.lattice.dims, self.lattice.voxels);
+        // No dispatch outlasts the watchdog of a small GPU.
+        let of_plane = (width * lines) as u64;
+        let most = max_work(self.context) / self.work() / of_plane.max(1);
+        let at_once = most.clamp(1, planes.max(1) as u64) as usize;
+        let bytes = (across * rows * planes) as u64 * VALUE;
+        let sums = self.context.buffer("cells.planes", bytes, wgpu::BufferUsages::STORAGE)?;
+        // Parts of much the same size.
+        Ok(PlaneSums { sums, together: planes.div_ceil(planes.div_ceil(at_once)) })
+    }
+
+    /// Returns the cells of each box, box after box.
+    fn boxes(&self, Plan { rows, layers, .. }: &Plan) -> Vec<[Range<usize>; 3]> {
+        let [across, down, deep] = self.lattice.dims;
+        let of_rows = |z: usize| {
+            let of_box = move |y: usize| [0..across, y..down.min(y + rows), z..deep.min(z + layers)];
+            (0..down).step_by(*rows).map(of_box)
+        };
+        (0..deep).step_by(*layers).flat_map(of_rows).collect()
+    }
+
+    fn run(&self, before: Option<Arc<Voxels>>) -> Result<Voxels> {
+        let plan = self.lattice.plan(MOST.min(self.context.largest_buffer()));
+        let boxes = self.boxes(&plan);
+        let planes = self.planes(plan)?;
+        if let Some(before) = before {
+            return self.relight(&planes, &boxes, &before);
+        }
+        let mut of_boxes = Vec::new();
+        for (number, cells) in boxes.iter().enumerate() {
+            let mut recorder = Recorder::untimed(self.context);
+            self.sum(&mut recorder, &planes, cells)?;
+            of_boxes.push(self.collect(recorder, &planes.sums, cells)?);
+            self.progress.report("classifying", (number + 1) as f64 / boxes.len() as f64);
+            self.progress.check()?;
+        }
+        Voxels::of_words(self.context, words(self.lattice.dims), of_boxes, None)
+    }
+
+    /// Lights cells again, without a wait.
+    fn relight(&self, planes: &PlaneSums, boxes: &[[Range<usize>; 3]], before: &Voxels) -> Result<Voxels> {
         let mut recorder = Recorder::untimed(self.context);
-        for KeptBox { cells, collected: Collected { rows, first_brick, first_splat, .. } } in &boxes.0 {
-            self.sum(&mut recorder, source, values, cells)?;
-            let first = Some([*first_brick, *first_splat]);
-            self.emit(&mut recorder.compute_pass(CLASSIFY), &values.planes, cells, first, rows)?;
+        for (cells, of_box) in boxes.iter().zip(before.buffers()).filter(|(_, of_box)| of_box.visible.count > 0) {
+            self.sum(&mut recorder, planes, cells)?;
+            let VisibleVoxels { places, seen, .. } = of_box.visible;
+            self.record(&mut recorder, &self.stages.emit, cells, [&planes.sums, places, seen, of_box.samples])?;
         }
         recorder.submit();
-        let stores = stores.into_iter().map(|store| store.over(self.context)).collect::<Result<_>>()?;
-        let made = Drawable { stores, bricks, ..Drawable::default() };
-        made.kept.get_or_make((), || Ok(Mutex::new(Some(boxes))))?;
-        Ok(made)
+        Ok(before.again())
     }
 
     /// Records the sums along x and y of the planes of a box of cells.
-    fn sum(
-        &self,
-        recorder: &mut Recorder<'_>,
-        source: &Source<'_>,
-        values: &Values,
-        cells: &[Range<usize>; 3],
-    ) -> Result<()> {
-        let lattice = self.lattice;
-        let [xs, ys, zs] = [0, 1, 2].map(|axis| lattice.voxels(axis, &cells[axis]));
-        let [across, down] = [0, 1].map(|axis| cells[axis].len());
-        for z in zs.clone().step_by(values.together) {
-            let within = [xs.clone(), ys.clone(), z..zs.end.min(z + values.together)];
-            let [nx, ny, count] = within.clone().map(|voxels| voxels.len());
-            match &values.voxels {
-                None => self.light(recorder, source, &values.planes, (&within, z - zs.start), cells)?,
-                Some([voxels, rows]) if nx * ny > 0 => {
-                    recorder.clear(voxels, (nx * ny * count) as u64 * VALUE);
-                    self.light(recorder, source, voxels, (&within, 0), cells)?;
-                    let along_x = self.coarsen(0, cells, [across, ny, count], [1, nx, nx * ny], 0);
-                    self.along_axis(recorder, &along_x, voxels, rows)?;
-                    let first = across * down * (z - zs.start);
-                    let along_y = self.coarsen(1, cells, [across, down, count], [1, across, across * ny], first);
-                    self.along_axis(recorder, &along_y, rows, &values.planes)?;
-                }
-                Some(_) => {}
-            }
-            recorder.worked((nx * ny * count) as u64 * source.work());
+    fn sum(&self, recorder: &mut Recorder<'_>, planes: &PlaneSums, cells: &[Range<usize>; 3]) -> Result<()> {
+        let [xs, ys, zs] = [0, 1, 2].map(|axis| self.lattice.voxels(axis, &cells[axis]));
+        for z in zs.clone().step_by(planes.together) {
+            let within = [xs.clone(), ys.clone(), z..zs.end.min(z + planes.together)];
+            self.light(recorder, &planes.sums, (&within, z - zs.start), cells)?;
+            let voxels: usize = within.iter().map(Range::len).product();
+            recorder.worked(voxels as u64 * self.work());
         }
         Ok(())
     }
 
-    /// Returns the parameters of the sums of a box of cells along an axis: `dims` sums along each axis, of values with
-    /// these steps, from place `first` on.
-    fn coarsen(
-        &self,
-        axis: usize,
-        cells: &[Range<usize>; 3],
-        dims: [usize; 3],
-        steps: [usize; 3],
-        first: usize,
-    ) -> Coarsen {
-        let voxels = self.lattice.voxels(axis, &cells[axis]);
-        let [over, under] = words(self.lattice.size);
-        Coarsen {
-            dims: words(dims),
-            first: first as u32,
-            steps: words(steps),
-            count: voxels.len() as u32,
-            axis: std::array::from_fn(|other| u32::from(other == axis)),
-            low: (self.lattice.low(cells[axis].start) - voxels.start as i64) as i32,
-            over,
-            under,
-            ..Coarsen::zeroed()
-        }
-    }
-
-    /// Records sums along an axis.
-    fn along_axis(
-        &self,
-        recorder: &mut Recorder<'_>,
-        parameters: &Coarsen,
-        from: &wgpu::Buffer,
-        to: &wgpu::Buffer,
-    ) -> Result<()> {
-        let context = recorder.context;
-        let count = parameters.dims.into_iter().map(u64::from).product();
-        let parameters =
-            context.upload("cells.coarsen", bytemuck::bytes_of(parameters), wgpu::BufferUsages::UNIFORM)?;
-        let buffers = [&parameters, &self.weights, from, to].map(wgpu::Buffer::as_entire_binding);
-        self.coarsener.along_axis.run(recorder, &buffers, for_each(context, count));
-        Ok(())
-    }
-
-    /// Records the voxels of some planes of a box of cells, or of samples their sums along x and y, given the number of
-    /// the first plane.
+    /// Records the sums along x and y of some planes of a box of cells, given the number of the first plane.
     fn light(
         &self,
         recorder: &mut Recorder<'_>,
-        source: &Source<'_>,
         to: &wgpu::Buffer,
         (within, first_plane): (&[Range<usize>; 3], usize),
         cells: &[Range<usize>; 3],
     ) -> Result<()> {
         let Self { context, lattice, .. } = self;
+        let [_, ys, zs] = within;
+        if ys.is_empty() || zs.is_empty() {
+            return Ok(());
+        }
         let ToEye { eye, view: [view_x, view_y, view_z], .. } = *self.to_eye;
         let across = lattice.dims[0];
         let [over, under] = words(lattice.size);
-        // From the first to before the last brick or splat.
-        let inside = |Range { start, end }: Range<u32>| {
-            let parameters = VoxelBox {
+        let [bricks_x, bricks_y, _] = lattice.voxels.map(|n| n.div_ceil(EDGE) as u32);
+        let row = |y: usize, z: usize| bricks_x * ((y / EDGE) as u32 + bricks_y * (z / EDGE) as u32);
+        let reached = row(ys.start, zs.start)..row(ys.end - 1, zs.end - 1) + bricks_x;
+        let groups = (across.div_ceil(SUMS) * cells[1].len().div_ceil(TILE_ROWS) * zs.len()) as u64;
+        let reaches = |part: &&SampledBuffer<'_>| part.bricks.start < reached.end && part.bricks.end > reached.start;
+        for SampledBuffer { bricks, samples, visible, normals, kept } in self.parts.iter().filter(reaches) {
+            let inside = VoxelBox {
                 low: within.clone().map(|range| range.start as u32),
-                first: start,
+                first: bricks.start,
                 dims: within.clone().map(|range| range.len() as u32),
-                end,
+                end: bricks.end,
                 eye,
                 cells: across as u32,
                 view_x,
@@ -454,111 +319,89 @@ impl CellJob<'_> {
                 first_plane: first_plane as u32,
                 ..VoxelBox::zeroed()
             };
-            context.upload("cells.voxel_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)
-        };
-        let mut record = |buffers: &[&wgpu::Buffer], count: u64| {
-            let resources: Vec<_> = buffers.iter().map(|buffer| buffer.as_entire_binding()).collect();
-            self.lit_voxels.run(recorder, &resources, for_each(context, count));
-        };
-        match source {
-            Source::Samples { parts, classify, points } => {
-                let [_, ys, zs] = within;
-                if ys.is_empty() || zs.is_empty() {
-                    return Ok(());
-                }
-                let [bricks_x, bricks_y, _] = self.lattice.voxels.map(|n| n.div_ceil(EDGE) as u32);
-                let row = |y: usize, z: usize| bricks_x * ((y / EDGE) as u32 + bricks_y * (z / EDGE) as u32);
-                let reached = row(ys.start, zs.start)..row(ys.end - 1, zs.end - 1) + bricks_x;
-                let groups = (across.div_ceil(SUMS) * cells[1].len().div_ceil(TILE_ROWS) * zs.len()) as u64;
-                let reaches =
-                    |part: &&SampledBuffer<'_>| part.bricks.start < reached.end && part.bricks.end > reached.start;
-                for SampledBuffer { bricks, samples, visible, normals, kept } in parts.iter().filter(reaches) {
-                    let VisibleVoxels { places, seen, .. } = visible;
-                    let [normals, kept] = [normals, kept].map(|buffer| buffer.unwrap_or(places));
-                    let (lighting, weights, inside) = (&self.lighting, &self.weights, &inside(bricks.clone())?);
-                    let buffers =
-                        [classify, samples, points, lighting, to, places, seen, weights, inside, normals, kept];
-                    record(&buffers, groups * WORKGROUP);
-                }
-            }
-            Source::Splats(stores) => {
-                let reaches = |low: [u32; 3], high: [u32; 3]| {
-                    let inside = |axis: usize| {
-                        (low[axis] as usize) < within[axis].end && high[axis] as usize > within[axis].start
-                    };
-                    (0..3).all(inside)
-                };
-                for store in *stores {
-                    let mut runs = store.runs().filter(|(brick, _)| reaches(brick.bounds[0], brick.bounds[1]));
-                    let Some((_, Range { start, end })) = runs.next() else { continue };
-                    let end = runs.last().map_or(end, |(_, run)| run.end);
-                    let splats = store.on_device(context)?;
-                    let buffers = [&inside(start..end)?, &self.lighting, &splats, &store.origins, to];
-                    record(&buffers, u64::from(end - start));
-                }
-            }
+            let uniform = wgpu::BufferUsages::UNIFORM;
+            let inside = &context.upload("cells.voxel_box", bytemuck::bytes_of(&inside), uniform)?;
+            let VisibleVoxels { places, seen, .. } = visible;
+            let [normals, kept] = [normals, kept].map(|buffer| buffer.unwrap_or(places));
+            let (classify, points, lighting, weights) = (&self.classify, self.points, &self.lighting, &self.weights);
+            let buffers = [classify, *samples, points, lighting, to, places, seen, weights, inside, normals, kept];
+            let resources = buffers.map(wgpu::Buffer::as_entire_binding);
+            self.lit_voxels.run(recorder, &resources, for_each(context, groups * WORKGROUP));
         }
         Ok(())
     }
 
-    /// Counts the cells of a box and adds them as splats, after the recorder's commands.
+    /// Counts the cells of a box and makes their words, after the recorder's commands.
     fn collect(
         &self,
-        recorder: Recorder<'_>,
-        planes: &wgpu::Buffer,
+        mut recorder: Recorder<'_>,
+        sums: &wgpu::Buffer,
         within: &[Range<usize>; 3],
-        stores: &mut StoreBuilder<'_, DevicePart>,
-    ) -> Result<Option<Collected>> {
-        let edge = EDGE as u32;
+    ) -> Result<(VisibleVoxels, wgpu::Buffer)> {
+        let context = self.context;
         let [bx, by, bz] = bricks_of(within);
         let [_, y0, z0] = within.clone().map(|range| range.start as u32);
-        let origin = |brick: u32| [brick % bx * edge, y0 + brick / bx % by * edge, z0 + brick / (bx * by) * edge, 0];
-        let origins: Vec<[u32; 4]> = (0..bx * by * bz).map(origin).collect();
-        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-        let on_device = self.context.upload("cells.origins", bytemuck::cast_slice(&origins), usage)?;
-        // Each box has a buffer for its splats.
-        let record = |pass: &mut ComputePass<'_>, first: Option<u32>, rows: &Rows| {
-            self.emit(pass, planes, within, first.map(|first_brick| [first_brick, 0]), rows)
+        let origin = |brick: u32| {
+            let at = [brick % bx, brick / bx % by, brick / (bx * by)].map(|n| n * EDGE as u32);
+            [at[0], y0 + at[1], z0 + at[2]]
         };
-        collect(recorder, &self.scan, (stores, STRIDE), (&origins, &on_device), &record)
+        let origins = (0..bx * by * bz).map(origin);
+        let rows = origins.len() * ROWS;
+        let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST;
+        let buffer = |label, values: usize| context.buffer(label, 4 * values as u64, usage);
+        let places = buffer("classify.places", rows + 1 + origins.len())?;
+        let seen = buffer("classify.seen", rows)?;
+        let none = buffer("cells.no_appearances", 0)?;
+        self.record(&mut recorder, &self.stages.count, within, [sums, &places, &seen, &none])?;
+        self.scan.record(context, &mut recorder.compute_pass(CLASSIFY), &places, rows as u64 + 1)?;
+        let [firsts, bits] = [(&places, rows + 1), (&seen, rows)]
+            .map(|(buffer, values)| recorder.read_back("cells.staging", buffer, 4 * values as u64));
+        let (firsts, bits) = (firsts?, bits?);
+        recorder.submit();
+        context.wait(COUNTING)?;
+        let firsts: Vec<u32> = firsts.done_values(context, COUNTING)?;
+        let bits: Vec<u32> = bits.done_values(context, COUNTING)?;
+        let numbers: Vec<u32> = numbers_of(words(self.lattice.dims), origins.clone()).collect();
+        context.write(&places, 4 * (rows as u64 + 1), bytemuck::cast_slice(&numbers));
+        let bricks = origins.zip(firsts.iter().step_by(ROWS).zip(bits.chunks_exact(ROWS)));
+        let bricks = bricks.map(|(origin, (&first, bits))| BrickSplats::new(origin, first, bits.iter().copied()));
+        let (count, bricks) = (firsts.last().copied().unwrap_or_default(), bricks.collect());
+        let appearances = context.buffer("classify.appearances", EACH * u64::from(count), usage)?;
+        let mut recorder = Recorder::untimed(context);
+        self.record(&mut recorder, &self.stages.emit, within, [sums, &places, &seen, &appearances])?;
+        recorder.submit();
+        Ok((VisibleVoxels { count, bricks, places, seen }, appearances))
     }
 
-    /// Records the dispatch that counts the cells of a box that are kept, or that emits them, given the numbers of the
-    /// first brick and of the first splat.
-    fn emit(
+    /// Records the stage that counts the cells of a box that are kept, or the stage that makes their words.
+    fn record(
         &self,
-        pass: &mut ComputePass<'_>,
-        planes: &wgpu::Buffer,
+        recorder: &mut Recorder<'_>,
+        stage: &Stage,
         within: &[Range<usize>; 3],
-        first: Option<[u32; 2]>,
-        Rows { places, seen, splats }: &Rows,
+        [sums, places, seen, appearances]: [&wgpu::Buffer; 4],
     ) -> Result<()> {
         let Self { context, lattice, .. } = self;
         let [bx, by, bz] = bricks_of(within);
-        let bricks = [bx, by, bx * by * bz];
-        let [first_brick, first_splat] = first.unwrap_or_default();
         let voxels = lattice.voxels(2, &within[2]);
         let [over, under] = words(lattice.size);
         let parameters = CellBox {
             dims: within.clone().map(|range| range.len() as u32),
             least: lattice.least,
-            bricks,
-            first_brick,
-            first_splat,
+            bricks: [bx, by, bx * by * bz],
+            low: (lattice.low(within[2].start) - voxels.start as i64) as i32,
             over,
             under,
-            low: (lattice.low(within[2].start) - voxels.start as i64) as i32,
             planes: voxels.len() as u32,
             ..CellBox::zeroed()
         };
         let parameters =
             context.upload("cells.cell_box", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;
-        let buffers = [&parameters, &self.weights, planes, places, seen, splats].map(wgpu::Buffer::as_entire_binding);
-        // Rows are counted, cells are emitted.
-        let (stage, each) =
-            if first.is_some() { (&self.coarsener.emit, ROWS * EDGE) } else { (&self.coarsener.count, ROWS) };
-        let workgroups = for_each(context, u64::from(bricks[2]) * each as u64);
-        stage.record(pass, &stage.bind(context, &buffers), &[], workgroups);
+        let buffers = [&parameters, &self.weights, sums, places, seen, appearances];
+        // Rows are counted, cells are made.
+        let each = if std::ptr::eq(stage, &self.stages.count) { ROWS } else { ROWS * EDGE };
+        let invocations = u64::from(bx * by * bz) * each as u64;
+        stage.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), for_each(context, invocations));
         Ok(())
     }
 }

@@ -1,19 +1,20 @@
 //! Lit cells of a level on the device: their normals are found once, whatever the buffers hold.
 
+use std::sync::Arc;
+
 use glam::DVec3;
 
 use super::adapter_test::adapter;
 use super::cache::Cache;
-use super::cells::{self, MOST, Plan, Voxels};
+use super::cells::{self, MOST, Plan};
 use super::context::Context;
 use super::held_samples::HeldSamples;
 use super::kept_voxels::{self, KeptVoxels};
 use super::recorder::Recorder;
-use super::sampled::Sampled;
 use super::samples::Input;
 use super::savings::Savings;
-use super::store::Drawable;
 use super::view::ViewGeometry;
+use super::voxels::Voxels;
 use crate::appearance::demos;
 use crate::camera::{Camera, View};
 use crate::formats::{LoadOptions, load};
@@ -42,7 +43,7 @@ impl<'a> Subject<'a> {
     }
 
     /// Makes the cells under a light from `side`.
-    fn lit(&self, side: f64, before: Option<Drawable>) -> Drawable {
+    fn lit(&self, side: f64, before: Option<Arc<Voxels>>) -> Arc<Voxels> {
         let Self { context, volume, transfer, .. } = *self;
         let lights = vec![Light::HEADLIGHT, Light::directional(DVec3::new(side, 1.0, 0.5))];
         let settings = Settings { lighting: Some(Lighting { lights, ..Lighting::default() }), ..Settings::default() };
@@ -50,21 +51,21 @@ impl<'a> Subject<'a> {
         let light = ViewGeometry::new(&camera, volume.grid(), &settings, Savings::default()).splat_light(&settings);
         let (shape, progress) = (Shape::new(volume.grid(), transfer, self.size), Progress::default());
         let input = Input::new(context, volume, transfer, Some(Normals::default()), &progress).unwrap();
-        let (sampled, _) = Sampled::hold(&self.pipelines, &input, &self.held, &self.kept).unwrap();
-        let of = (Voxels::Samples(&sampled), Some(&light));
+        let (voxels, _) = Voxels::of_samples(&self.pipelines, &input, &self.held, &self.kept).unwrap();
+        let of = (&*voxels, Some(&light));
         cells::run(context, &self.pipelines, of, &shape.on_device(), before, &progress).unwrap()
     }
 
-    /// Returns the words of splats without their places, which name bricks of boxes.
-    fn words(&self, cells: &Drawable) -> Vec<[u32; 2]> {
-        let words = cells.stores.iter().flat_map(|store| {
+    /// Returns the words of cells.
+    fn words(&self, cells: &Voxels) -> Vec<[u32; 2]> {
+        let words = cells.buffers().flat_map(|of| {
             let mut recorder = Recorder::untimed(self.context);
-            let buffer = store.on_device(self.context).unwrap();
-            let words = recorder.read_back("test", &buffer, u64::from(store.count) * store.stride).unwrap();
+            let bytes = 8 * u64::from(of.visible.count);
+            let words = recorder.read_back("test", of.samples, bytes).unwrap();
             recorder.submit();
-            words.values::<[u32; 4]>(self.context, "test").unwrap()
+            words.values::<[u32; 2]>(self.context, "test").unwrap()
         });
-        words.map(|[_, density, color, _]| [density, color]).collect()
+        words.collect()
     }
 
     /// Returns the buffers of normals, and the number of visible voxels.
@@ -186,9 +187,9 @@ fn device_cells_of_every_size_of_few_bricks_are_those_of_all() {
 
 fn cells_of_few_bricks(sizes: &[CellSize]) {
     let of = balls();
-    let [all, few, several] = [(u64::MAX, u64::MAX), (0, u64::MAX), (0, 7)].map(|(paged_bytes, bricks)| {
+    let [all, few, several] = [(false, u64::MAX), (true, u64::MAX), (true, 7)].map(|(saves, bricks)| {
         let mut context = context();
-        context.savings = Savings { paged_bytes, ..Savings::default() };
+        context.savings = Savings { bricks: saves, ..Savings::default() };
         let limit = &mut context.limits.max_storage_buffer_binding_size;
         *limit = (*limit).min(bricks.saturating_mul(4 * 38_u64.pow(3)));
         context

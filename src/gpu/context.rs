@@ -471,6 +471,12 @@ impl Context {
         Error::Unsupported { adapter: self.info.name.clone(), reason }
     }
 
+    /// Returns the error of a volume whose samples the device has no room for.
+    pub(crate) fn outgrown(&self) -> Error {
+        let reason = "has no room for the samples: draw bricks (voxsplat plan), or use --painter cpu";
+        self.unsupported(reason.to_owned())
+    }
+
     /// Returns the workgroups of `size` invocations for `count` invocations, folded into rows if they exceed the
     /// adapter's limit.
     pub(crate) fn workgroups(&self, count: u64, size: u64) -> (u32, u32) {

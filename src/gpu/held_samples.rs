@@ -53,20 +53,22 @@ impl BrickSet {
     }
 
     /// Returns the set, or all bricks if the set saves little memory: then another transfer function sends no samples.
-    fn or_all(self, input: &Input<'_>) -> Self {
+    /// `is_first` if the device holds none yet.
+    fn or_all(self, input: &Input<'_>, is_first: bool) -> Self {
         let counts = [self.count(), self.0.len()].map(|count| count as u64);
-        let saves = saves(counts, input.brick_bytes(), input.context.savings.paged_bytes);
+        let saves = saves(counts, input.brick_bytes(), input.context.savings.paged_bytes, is_first);
         if saves { self } else { Self(vec![true; self.0.len()]) }
     }
 }
 
-/// Returns whether holding `count` of `all` bricks is worthwhile: all bricks take at least `paged_bytes`, and they are
-/// `SAVES` times as many or exceed [`HeldSamples::MOST`].
-fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64) -> bool {
+/// Returns whether holding `count` of `all` bricks is worthwhile: all bricks are `SAVES` times as many or exceed
+/// [`HeldSamples::MOST`]. If all take less than `paged_bytes`, the first picture sends only what shows, and the next
+/// transfer function the rest.
+fn saves([count, all]: [u64; 2], brick_bytes: u64, paged_bytes: u64, is_first: bool) -> bool {
     /// The least factor by which a set takes less memory than all bricks.
     const SAVES: u64 = 4;
     let bytes = all * brick_bytes;
-    bytes >= paged_bytes && (SAVES * count <= all || bytes > HeldSamples::MOST)
+    if bytes < paged_bytes { is_first } else { SAVES * count <= all || bytes > HeldSamples::MOST }
 }
 
 impl Input<'_> {
@@ -75,10 +77,9 @@ impl Input<'_> {
         BrickSet(vec![true; self.brick_count()])
     }
 
-    /// Returns the bricks whose samples pictures need: the bricks that may be visible if these are few, otherwise all.
+    /// Returns the bricks whose samples pictures need: the bricks that may be visible.
     pub(crate) fn needed_bricks(&self) -> Result<BrickSet> {
-        let shown = self.volume.ranges()?.iter().map(|&range| self.may_show(range));
-        Ok(BrickSet(shown.collect()).or_all(self))
+        Ok(BrickSet(self.volume.ranges()?.iter().map(|&range| self.may_show(range)).collect()))
     }
 
     /// Returns the number of bytes of the samples of some bricks.
@@ -130,17 +131,12 @@ impl Input<'_> {
 
 impl HeldSamples {
     /// The largest number of bytes of samples that stay on the device when the transfer function changes.
-    pub(super) const MOST: u64 = 2 << 30;
+    pub(super) const MOST: u64 = 4 << 30;
 
     /// Returns whether the samples of these bricks may stay on the device: at most [`Self::MOST`] bytes, with whole
     /// rows of bricks in each buffer.
     pub(crate) fn fits(input: &Input<'_>, bricks: &BrickSet) -> bool {
         input.bytes_of(bricks) <= Self::MOST && input.has_room_for_rows()
-    }
-
-    /// Returns whether the device holds samples.
-    pub(crate) fn is_held(&self) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_some()
     }
 
     /// Returns the number of bytes of the samples on the device.
@@ -149,12 +145,7 @@ impl HeldSamples {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map_or(0, |(_, held)| held.bytes())
     }
 
-    /// Drops the samples.
-    pub(crate) fn clear(&self) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
-    }
-
-    /// Calls `work` with these bricks and all bricks that were held before. Sends the samples first that the device
+    /// Calls `work` with these bricks and all bricks that were held before, or with all bricks of the volume. Sends the samples first that the device
     /// does not hold; also returns the bytes that were sent.
     pub(super) fn with<T>(
         &self,
@@ -171,7 +162,7 @@ impl HeldSamples {
         // samples have no voxels of other bricks, so that they can be packed over.
         let held = before.iter().flat_map(|(_, held)| &held.set.0);
         needed.iter_mut().zip(held).for_each(|(needed, held)| *needed |= held);
-        let needed = BrickSet(needed).or_all(input);
+        let needed = BrickSet(needed).or_all(input, before.is_none());
         // Samples in another format are dropped first, so that both are never in memory together.
         let before = before.filter(|(of, _)| *of == key).map(|(_, held)| held);
         let (held, bytes) = match before {
@@ -249,11 +240,6 @@ impl HeldBricks {
         places
     }
 
-    /// Returns the number of bytes of the samples of all bricks of the volume.
-    pub(super) fn all_bytes(&self) -> u64 {
-        self.set.0.len() as u64 * self.of_brick
-    }
-
     /// Returns the number of bytes of the samples on the device.
     pub(super) fn bytes(&self) -> u64 {
         self.set.count() as u64 * self.of_brick
@@ -296,9 +282,11 @@ mod tests {
     #[test]
     fn few_bricks_of_many_are_held_alone() {
         let brick = 36_u64.pow(3);
-        let of = |count, all| saves([count, all], brick, 128 << 20);
+        let of = |count, all| saves([count, all], brick, 128 << 20, false);
         // A volume of 256^3, one of 1024^3 and one of 2048^3 voxels.
         assert!(!of(1, 1 << 9) && of(1 << 13, 1 << 15) && !of((1 << 13) + 1, 1 << 15));
         assert!(of(1 << 17, 1 << 18) && (brick << 18) > HeldSamples::MOST);
+        // The first picture of the smallest one.
+        assert!(saves([1 << 8, 1 << 9], brick, 128 << 20, true) && !saves([1 << 14, 1 << 15], brick, 128 << 20, true));
     }
 }

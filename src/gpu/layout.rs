@@ -110,6 +110,12 @@ shared! {
         gradient_points: u32,
         base: f32,
         faintest: f32,
+        _pad: u32,
+    }
+
+    /// A list of visible voxels; shaders/list.wgsl.
+    struct List {
+        first_brick: u32,
         first_splat: u32,
     }
 
@@ -192,44 +198,26 @@ shared! {
         _pad: u32,
     }
 
-    /// Sums along an axis; shaders/coarsen.wgsl.
-    struct Coarsen {
-        dims: [u32; 3],
-        first: u32,
-        steps: [u32; 3],
-        count: u32,
-        axis: [u32; 3],
-        low: i32,
-        over: u32,
-        under: u32,
-        _pad: [u32; 2],
-    }
-
     /// A box of cells; shaders/cells.wgsl.
     struct CellBox {
         dims: [u32; 3],
         least: f32,
         bricks: [u32; 3],
-        first_brick: u32,
-        first_splat: u32,
+        low: i32,
         over: u32,
         under: u32,
-        low: i32,
         planes: u32,
-        _pad: [u32; 3],
+        _pad: u32,
     }
 
     /// The box of voxels on which light falls; shaders/common/light_box.wgsl.
     struct LightBox {
         low: [i32; 3],
-        count: u32,
+        word: u32,
         dims: [u32; 3],
-        each: u32,
+        shift: u32,
         middle: [f32; 3],
         strength: f32,
-        word: u32,
-        shift: u32,
-        _pad: [u32; 2],
         clip_planes: ClipPlanes,
     }
 

@@ -6,30 +6,32 @@
 //! tests and its row of `Stats::stages` have one name. The stages of painters are in the documentation of
 //! `painters/quads` and `painters/tiles`.
 //!
-//! - `classify` (shaders `classify`, `extents`, `normals`) turns bricks of samples into splats of colour and density,
-//!   with normals if there is light. The device holds the samples (of few visible bricks only these), a bit for each
-//!   visible voxel and its normal. It lists splats only for `quads`, or if a list takes less memory. Files:
-//!   `classify.rs`; `samples.rs` (bricks of samples), `held_samples.rs`, `kept_voxels.rs`, `sampled.rs`; `rows.rs`
-//!   (count, scan, emit).
+//! - `classify` (shaders `classify`, `extents`, `normals`) finds the visible voxels of bricks of samples, and their
+//!   normals if there is light. The device holds the samples (of few visible bricks only these), a bit for each voxel,
+//!   set if it is visible, and the normals of visible voxels. Stages that read voxels classify their samples on the
+//!   way (`common/sampled.wgsl`). Files: `classify.rs`; `samples.rs` (bricks of samples), `held_samples.rs`,
+//!   `kept_voxels.rs`, `voxels.rs`.
 //! - `layers` (on the host, `splats/layers.rs`) does the same for several layers on one lattice: labels, masks,
-//!   scalars. Its time is a part of `classify`.
-//! - `shadows` (shaders `occluders` and `kept`, or `shadows_of_samples`; `filter`, `sweep`, `converging`, `around`)
-//!   computes the share of each light that reaches a splat, once per set of lights, a few planes at a time, without a
-//!   wait. Its time is a part of `classify`. Files: `shadows.rs`, `shadows/samples.rs`; `lighting/shadow/plan.rs` has
-//!   the plans, `prepare/shadows.rs` keeps the occluders, and `prepare/light_on_host.rs` computes exact sums and
-//!   shadows that the device has no room for.
+//!   scalars. The device gets the words of visible voxels in place of samples. Its time is a part of `classify`.
+//! - `list` (shader `list`; `list.rs`) makes lists of splats of visible voxels, for `quads`. Its time is a part of
+//!   `classify`.
+//! - `shadows` (shaders `shadows_of_voxels`, `filter`, `sweep`, `converging`, `around`) computes the share of each light
+//!   that reaches a voxel, once per set of lights, a few planes at a time, without a wait. Its time is a part of
+//!   `classify`. Files: `shadows.rs`, `shadows/voxels.rs`; `lighting/shadow/plan.rs` has the plans,
+//!   `prepare/shadows.rs` keeps the occluders, and `prepare/light_on_host.rs` computes exact sums and shadows that the
+//!   device has no room for.
 //! - light volume (shaders `field_of_cells`, `box_light`, and the shaders of `shadows`) computes the same shares for
 //!   places in a field of scalars, as a texture that `shade` and `gather` interpolate between voxels
 //!   (`common/light_volume.wgsl`). The field of extinctions is made of the samples that the device holds. Files:
 //!   `prepare/light_volume.rs`, `light_volume.rs` (the texture), `scalar_field.rs` (the field).
-//! - `cells` (shaders `lit_rows`, or `lit_splats` and `coarsen`; `cells`) is for pre-shading with grown kernels: it
-//!   makes cells of a level from classified and lit voxels, again if the eye or a light moves. Cells under another
-//!   light take the places of the cells before. Samples of over 2 GiB are refused. Files: `cells.rs`;
-//!   `prepare/cells.rs` with `cells/size.rs` and `cells/filter.rs` (sizes, kernels and lattices of cells).
-//! - `scalars` (shaders `cell_rows`, `scalar_sums`) is for post-shading: it emits the voxels that can take part in
-//!   something visible, and copies beyond the faces. For `tiles` the device holds the samples of voxels instead, which
-//!   serve every transfer function, unless a list takes less memory; it makes cells of these as it packs them, part by
-//!   part. Files: `sampled_scalars.rs`, `scalar_cells.rs`; `prepare/scalars.rs`, `scalar_cells.rs`, `levels.rs`.
+//! - `cells` (shaders `lit_rows`, `cells`) is for pre-shading with grown kernels: it makes cells of a level from
+//!   classified and lit voxels, again if the eye or a light moves. Cells under another light take the places of the
+//!   cells before. Files: `cells.rs`; `prepare/cells.rs` with `cells/size.rs` and `cells/filter.rs` (sizes, kernels and
+//!   lattices of cells).
+//! - `scalars` (shaders `cell_rows`, `scalar_sums`) is for post-shading by `tiles`: the device holds the samples of
+//!   voxels, which serve every transfer function, and makes cells of these as it packs them, part by part. For `quads`
+//!   the host lists the voxels that can take part in something visible, and copies beyond the faces. Files:
+//!   `sampled_scalars.rs`, `scalar_cells.rs`; `prepare/scalars.rs`, `scalar_cells.rs`, `levels.rs`; `store.rs` (lists).
 //! - `scan` (`scan.rs`) computes prefix sums for `classify` and `sort`.
 //! - `present` (`present.rs`) writes pixels into the caller's texture (`Renderer::render_into`).
 //!
@@ -40,9 +42,9 @@
 //!
 //! `Volume` hands out bricks of 32^3 voxels, from memory or from the file, with the range of values of each brick. A
 //! brick whose range is invisible under the transfer function is not uploaded, unless the device holds the samples of
-//! all bricks. It does so for other transfer functions, if the samples take less than 128 MiB, or if over a quarter of
-//! the bricks may show and the samples take at most 2 GiB. Otherwise it holds the bricks that have shown, and others
-//! are sent as they show. A splat stores its brick and its place in the brick: 16 bytes as a classified voxel and 24
+//! all bricks. It does so from the second transfer function on if the samples take less than 128 MiB, and from the
+//! first on if they take more, up to 4 GiB, and over a quarter of the bricks may show. Otherwise it holds the bricks
+//! that have shown, and others are sent as they show. Over 4 GiB of bricks that show are refused. A splat stores its brick and its place in the brick: 16 bytes as a classified voxel and 24
 //! with shares of light, 8 as a scalar and 16 as a scalar with a gradient (`shaders/common/splat.wgsl`).
 //!
 //! # Shaders
@@ -79,18 +81,16 @@ pub(crate) mod cells;
 mod cells_test;
 pub(crate) mod classify;
 pub(crate) mod context;
+pub(crate) mod drawable;
 pub(crate) mod held_samples;
 pub(crate) mod kept_voxels;
 pub(crate) mod layout;
 pub(crate) mod light_volume;
+pub(crate) mod list;
 pub(crate) mod pipeline;
 pub(crate) mod present;
 pub(crate) mod recorder;
-mod rows;
-pub(crate) mod sampled;
 pub(crate) mod sampled_scalars;
-#[cfg(test)]
-mod sampled_test;
 pub(crate) mod samples;
 pub(crate) mod savings;
 #[cfg(test)]
@@ -116,3 +116,6 @@ mod translations_test;
 #[cfg(test)]
 pub(crate) mod twins_test;
 pub(crate) mod view;
+pub(crate) mod voxels;
+#[cfg(test)]
+mod voxels_test;

@@ -76,14 +76,12 @@ impl ScalarsKey {
 
 /// The largest difference of samples in the range of f32.
 const FARTHEST: f64 = 1e38;
-/// The largest factor from samples to scalars, and the inverse of the least one: normal numbers of f32.
-const MOST_FACTOR: f64 = 1e37;
 
 impl SampledScalars {
-    /// Returns the numbers `origin`, `rest` and `factor` of shaders; `None`: f32 cannot make scalars of these samples.
-    fn numbers(input: &Input<'_>, reduction: &Reduction) -> Option<[f32; 3]> {
+    /// Returns the numbers `origin`, `rest` and `factor` of shaders.
+    fn numbers(input: &Input<'_>, reduction: &Reduction) -> [f32; 3] {
         if input.coding.reduction.is_some() {
-            return Some([0.0, 0.0, 1.0]);
+            return [0.0, 0.0, 1.0];
         }
         let (slope, intercept) = input.volume.rescale();
         let (base, factor) = ((reduction.base() - intercept) / slope, slope * reduction.factor());
@@ -92,20 +90,19 @@ impl SampledScalars {
             _ => base.round().clamp(-32_768.0, 65_535.0),
         };
         let rest = (base - origin).clamp(-FAR, FAR);
-        (1.0 / MOST_FACTOR..MOST_FACTOR).contains(&factor).then_some([origin as f32, rest as f32, factor as f32])
+        [origin as f32, rest as f32, factor as f32]
     }
 
     /// Holds the samples of a volume and returns its scalars within `bounds` of the lattice, with the bytes that were
-    /// sent. `padding` is the number of layers of copies beyond each face, `filters` make cells of the voxels. `None`:
-    /// the host has to list the scalars.
+    /// sent. `padding` is the number of layers of copies beyond each face, `filters` make cells of the voxels.
     pub(crate) fn new(
         (input, pipelines): (&Input<'_>, &Cache),
         reduction: &Reduction,
         held: &HeldSamples,
         (padding, bounds): (u32, [[u32; 3]; 2]),
         (filters, gradients): (Option<&CellFilters<'_>>, bool),
-    ) -> Result<Option<(Self, u64)>> {
-        let Some([origin, rest, factor]) = Self::numbers(input, reduction) else { return Ok(None) };
+    ) -> Result<(Self, u64)> {
+        let [origin, rest, factor] = Self::numbers(input, reduction);
         let (sample_type, cells) = (input.coding.sample_type, filters.is_some());
         let key = ScalarsKey { sample_type, halo: input.halo() as u32, gradients, cells };
         let voxels = input.volume.grid().dims();
@@ -116,7 +113,7 @@ impl SampledScalars {
         let cells = |filters| ScalarCells::new(input.context, pipelines, key.of_cells(), voxels, filters);
         let cells = filters.map(cells).transpose()?;
         let dims = filters.map_or(voxels, |filters| filters.dims);
-        Ok(Some((Self { held, key, parameters, bricks, cells, dims, bounds }, sent)))
+        Ok((Self { held, key, parameters, bricks, cells, dims, bounds }, sent))
     }
 
     pub(crate) fn key(&self) -> ScalarsKey {

@@ -78,6 +78,17 @@ impl SampleCoding {
         Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
+    /// Returns the coding of scalars of this reduction. The host reduces samples whose factor to scalars, or its inverse,
+    /// is no normal number of f32.
+    fn of_scalars(self, reduction: Reduction) -> Self {
+        const MOST_FACTOR: f64 = 1e37;
+        let is_normal = (1.0 / MOST_FACTOR..MOST_FACTOR).contains(&(self.slope * reduction.factor()));
+        match self.reduction {
+            None if is_normal => self,
+            _ => Self { sample_type: 4, reduction: Some(reduction), ..self },
+        }
+    }
+
     /// Returns the control points in the units in which the shader compares samples; for a band-limited classification
     /// the [`COLUMNS`] of the nodes of its pieces.
     fn points(&self, transfer: &TransferFunction) -> Vec<ControlPoint> {
@@ -204,7 +215,7 @@ impl<'a> Input<'a> {
         progress: &'a Progress,
     ) -> Self {
         let coding = SampleCoding::new(volume, transfer);
-        let coding = SampleCoding { reduction: coding.reduction.map(|_| reduction), ..coding };
+        let coding = coding.of_scalars(reduction);
         Self::unclassified(context, volume, transfer, (coding, usize::from(lit)), progress)
     }
 
@@ -285,6 +296,11 @@ pub(super) struct InputKey {
 }
 
 impl InputKey {
+    /// Returns the key of voxels that are classified already, with these normals if they are lit.
+    pub(super) fn of_words(normals: Option<Normals>) -> Self {
+        Self { sample_type: 0, normals, gradient_opacity: false, band_limited: false }
+    }
+
     /// Returns whether splats have normals.
     pub(super) fn is_lit(self) -> bool {
         self.normals.is_some()
@@ -303,10 +319,6 @@ impl InputKey {
 }
 
 impl Input<'_> {
-    pub(crate) fn context(&self) -> &Context {
-        self.context
-    }
-
     pub(super) fn key(&self) -> InputKey {
         let Self { normals, coding, thinning, .. } = self;
         InputKey {
@@ -340,7 +352,7 @@ impl Input<'_> {
             gradient_points: self.thinning.len() as u32,
             base,
             faintest,
-            first_splat: 0,
+            ..Classify::zeroed()
         }
     }
 
@@ -352,18 +364,6 @@ impl Input<'_> {
     /// Returns the number of bricks that may be visible.
     pub(super) fn shown(&self) -> Result<u32> {
         Ok(self.volume.ranges()?.iter().filter(|&&range| self.may_show(range)).count() as u32)
-    }
-
-    /// Calls `take` with the bricks that may be visible, in batches on the device.
-    pub(super) fn batches(&self, take: &mut dyn FnMut(&BrickBatch) -> Result<()>) -> Result<Bricks> {
-        self.send(&|_, range| self.may_show(range), &mut |outbox| {
-            let bytes = outbox.origins.len() as u64 * self.brick_bytes();
-            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST;
-            let samples = self.context.buffer("classify.samples", bytes, usage)?;
-            let batch = BrickBatch::new(self, outbox.origins.clone(), (samples, 0))?;
-            outbox.send(|recorder, staging| recorder.copy(staging, &batch.samples, 0, bytes))?;
-            take(&batch)
-        })
     }
 
     /// Sends the samples of the bricks that `shows` accepts, given their numbers and the ranges of their samples: calls

@@ -64,7 +64,7 @@ macro_rules! files {
 
 /// All files, and their texts.
 static FILES: &[(&str, &str)] = &files! {
-    "around", "box_light", "cell_rows", "cells", "classify", "coarsen", "common/absorbed", "common/arriving",
+    "around", "box_light", "cell_rows", "cells", "classify", "common/absorbed", "common/arriving",
     "common/bounds", "common/box", "common/casting", "common/cell_texels", "common/classified", "common/clip",
     "common/dispatch", "common/frame", "common/half_depth", "common/light_box", "common/light_volume",
     "common/lighting", "common/lit_splat", "common/march_parabola", "common/marking", "common/owned", "common/packing",
@@ -72,9 +72,9 @@ static FILES: &[(&str, &str)] = &files! {
     "common/rays", "common/rays_of_sweep", "common/resolution", "common/response", "common/sampled", "common/samples",
     "common/scalar_sums", "common/scalar_texels", "common/scalars", "common/splat", "common/sweep", "common/transfer",
     "common/voxel_box", "common/words", "composite", "converging", "extents", "field_of_cells", "filter", "gather",
-    "gather_scalars", "kept", "lit_rows", "lit_splats", "normals", "occluders", "pack", "pack_cells", "pack_samples",
+    "gather_scalars", "list", "lit_rows", "normals", "pack_cells", "pack_samples",
     "pack_scalars", "packed/scalars", "packed/vectors", "page_table", "present", "resolve", "scalar_sums", "scan",
-    "shade", "shadows_of_samples", "skip", "sort", "splat", "sweep", "terminate",
+    "shade", "shadows_of_voxels", "skip", "sort", "splat", "sweep", "terminate",
 };
 
 macro_rules! shaders {
@@ -91,18 +91,15 @@ shaders! {
     CLASSIFY: Shader::new("classify"),
     EXTENTS: Shader::new("extents"),
     LIT_ROWS: Shader::new("lit_rows"),
-    LIT_SPLATS: Shader::new("lit_splats"),
+    LIST: Shader::new("list"),
     NORMALS: Shader::new("normals"),
-    COARSEN: Shader::new("coarsen"),
     CELLS: Shader::new("cells"),
-    OCCLUDERS: Shader::new("occluders"),
-    SHADOWS_OF_SAMPLES: Shader::new("shadows_of_samples"),
+    SHADOWS_OF_VOXELS: Shader::new("shadows_of_voxels"),
     FIELD_OF_CELLS: Shader::new("field_of_cells"),
     FILTER: Shader::new("filter"),
     SWEEP: Shader::new("sweep"),
     CONVERGING: Shader::new("converging"),
     AROUND: Shader::new("around"),
-    KEPT: Shader::new("kept"),
     BOX_LIGHT: Shader::new("box_light"),
     SCAN: Shader::new("scan"),
     SORT: Shader::new("sort"),
@@ -111,8 +108,6 @@ shaders! {
     COMPOSITE: Shader::new("composite"),
     SHADE: Shader::new("shade"),
     RESOLVE: Shader::new("resolve"),
-    PACK_VECTORS: Shader::with("pack-vectors", "pack", "packed/vectors"),
-    PACK_SCALARS: Shader::with("pack-scalars", "pack", "packed/scalars"),
     PACK_SAMPLES: Shader::with("pack-samples", "pack_samples", "packed/vectors"),
     PACK_SCALAR_SAMPLES: Shader::with("pack-scalar-samples", "pack_scalars", "packed/scalars"),
     PACK_GRADIENT_SAMPLES: Shader::with("pack-gradient-samples", "pack_scalars", "packed/vectors"),

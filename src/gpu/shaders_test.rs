@@ -1,9 +1,9 @@
 //! Shaders checked without a device: every one parses and validates, and its structs are those of `layout.rs`.
 
 use super::layout::{
-    Batch, CellBox, CellTexels, Classify, Coarsen, ControlPoint, Converging, Extent, Frame, LightBox, Lighting,
-    Occluders, Pack, PageTable, PagedBrick, Present, Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables,
-    Terminate, VoxelBox,
+    Batch, CellBox, CellTexels, Classify, ControlPoint, Converging, Extent, Frame, LightBox, Lighting, List, Occluders,
+    Pack, PageTable, PagedBrick, Present, Rays, Reached, ScalarSums, Scalars, Shade, Sort, Sweep, Tables, Terminate,
+    VoxelBox,
 };
 use super::shaders::{ALL, Shader};
 
@@ -57,7 +57,7 @@ fn structs_are_laid_out_alike() {
             assert_eq!(size_of::<$name>(), size, "size of {}", stringify!($name));
         )*};
     }
-    compare!(Classify, VoxelBox, Coarsen, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
+    compare!(Classify, List, VoxelBox, CellBox, ControlPoint, Sort, Batch, Shade, Reached, Present, Terminate);
     compare!(
         Extent, Occluders, PagedBrick, PageTable, Pack, Tables, Scalars, ScalarSums, CellTexels, Rays, Lighting, Frame,
         LightBox, Sweep, Converging

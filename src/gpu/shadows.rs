@@ -1,14 +1,14 @@
-//! shadows: the light that arrives at splats, on the device, without a wait: shaders/occluders.wgsl, filter.wgsl,
-//! sweep.wgsl, converging.wgsl, around.wgsl and kept.wgsl; at the voxels of a box, box_light.wgsl. The twin of
+//! shadows: the light that arrives at visible voxels, on the device, without a wait: shaders/shadows_of_voxels.wgsl,
+//! filter.wgsl, sweep.wgsl, converging.wgsl and around.wgsl; at the places of a box, box_light.wgsl. The twin of
 //! `lighting/shadow.rs`, whose preparations it uses.
 //!
-//! The extinctions of splats become a field over the box around them. A light is found for a few planes of the box at a
+//! The extinctions of voxels become a field over the box around them. A light is found for a few planes of the box at a
 //! time, a part: they are filtered, rays add them up and carry their sums to the next part, and each voxel reads the
 //! sums of its plane. So a part needs little memory besides the field and the light that arrives.
 
-mod samples;
+mod voxels;
 
-pub(crate) use samples::{UnlitSamples, run_on_samples};
+pub(crate) use voxels::{Unlit, run};
 
 use std::cell::RefCell;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -18,14 +18,13 @@ use glam::DVec4;
 
 use super::cache::Cache;
 use super::context::Context;
-use super::layout::{ClipPlanes, Converging, LightBox, SHADED_WORDS, Sweep, clip_planes};
+use super::layout::{ClipPlanes, Converging, LightBox, Sweep, clip_planes};
 use super::light_volume::LightVolume;
 use super::pipeline::{Binding, both, texture_view};
 use super::recorder::{ComputePass, Recorder};
 use super::scalar_field::ScalarField;
 use super::shaders::{self, Shader};
 use super::stage::{Constant, DynamicUniforms, Stage, for_each};
-use super::store::{Splats, Store};
 use crate::camera::clip::Side;
 use crate::error::Result;
 use crate::lighting::shadow::plan::{AroundPlan, ConvergingPlan, LightPlan, LightPlans, NearPlan, SweepPlan};
@@ -48,10 +47,7 @@ const LANES: [u32; 2] = [5, 3];
 /// Rows and columns of zeros at either end of a plane; ENDS in shaders/common/sweep.wgsl.
 pub(super) const ENDS: usize = 2;
 
-/// The bytes of a splat in shadows.
-pub(crate) const STRIDE: u64 = 4 * SHADED_WORDS as u64;
-
-/// The stages of sweeps along directions and of occlusion, and the stages that keep their light at splats. In
+/// The stages of sweeps along directions and of occlusion. In
 /// [`Stats::stages`](crate::stats::Stats::stages) all stages of shadows are part of `classify`.
 struct ShadowStages {
     across: Stage,
@@ -59,12 +55,7 @@ struct ShadowStages {
     march: Stage,
     arrive: Stage,
     around: Stage,
-    copy: Stage,
-    keep: Stage,
 }
-
-/// The stage that makes the field of splats; for the key `true`, of splats with shares of light.
-struct SplatFieldStage(Stage);
 
 /// The stages of sweeps to a place.
 struct PlaceStages {
@@ -85,12 +76,9 @@ fn stage(context: &Context, of: Shader, entry: &str, slots: &[Binding], constant
     Stage::new(context, of, (CLASSIFY, entry), slots, constants)
 }
 
-/// The constants of stages whose splats have shares of light.
-const SHADOWS: [Constant; 1] = [("SHADOWS", 1)];
-
 impl ShadowStages {
     fn new(context: &Context) -> Result<Self> {
-        use Binding::{DynamicUniform, Read, Uniform, Write};
+        use Binding::{DynamicUniform, Read, Write};
         let filters = || {
             let entries = ["across", "within"].map(|entry| (CLASSIFY, entry));
             let filters = Stage::several(context, shaders::FILTER, entries, &[DynamicUniform, Read, Read, Write], &[]);
@@ -102,20 +90,10 @@ impl ShadowStages {
             let voxels = [DynamicUniform, Read, Read, Read, Write, Read, Read, Read];
             let march = stage(context, shaders::SWEEP, "march", &rays, &[]);
             let arrive = stage(context, shaders::SWEEP, "arrive", &voxels, &[]);
-            let copy = stage(context, shaders::KEPT, "copy", &[Uniform, Write, Read], &SHADOWS);
-            let keep = stage(context, shaders::KEPT, "keep", &[Uniform, Write, Read, Read], &SHADOWS);
-            [march, arrive, copy, keep]
+            [march, arrive]
         };
-        let (([across, within], around), [march, arrive, copy, keep]) = both(context, filters, sweeps)?;
-        Ok(Self { across, within, march, arrive, around, copy, keep })
-    }
-}
-
-impl SplatFieldStage {
-    fn new(context: &Context, has_light: bool) -> Self {
-        use Binding::{Read, Uniform, Write};
-        let constants = if has_light { SHADOWS.as_slice() } else { &[] };
-        Self(stage(context, shaders::OCCLUDERS, "occluders", &[Uniform, Read, Read, Write], constants))
+        let (([across, within], around), [march, arrive]) = both(context, filters, sweeps)?;
+        Ok(Self { across, within, march, arrive, around })
     }
 }
 
@@ -136,17 +114,6 @@ impl BoxStages {
         let keep = stage(context, shaders::BOX_LIGHT, "keep_in_box", &[Uniform, Write, Read, Read], &[]);
         Self { keep, texels: stage(context, shaders::BOX_LIGHT, "texels", &[Uniform, Read, texels], &[]) }
     }
-}
-
-/// Splats that are to get shares of light.
-pub(crate) struct Unlit<'a> {
-    pub(crate) stores: &'a [Store],
-    /// Whether nothing else needs the splats: if they hold shares of light, their memory is used again.
-    pub(crate) over: bool,
-    /// Number of voxels along the axes of the splats' lattice.
-    pub(crate) dims: [usize; 3],
-    /// The sides of matter that casts shadows.
-    pub(crate) clip: &'a [Side],
 }
 
 /// The buffers of the stages with the field of extinctions, for other lights on the same matter.
@@ -263,42 +230,6 @@ struct ShadowJob<'a> {
     shares: wgpu::Buffer,
     /// The weights of the filters of sweeps, across planes and within.
     filters: [wgpu::Buffer; 2],
-}
-
-/// Returns the splats with the shares of `lights`, `MAX_CASTING` being the ambient light, and with the shares that they
-/// hold of other lights; `None` if the device has no room. `held` are the buffers of other lights on the same splats.
-pub(crate) fn run(
-    context: &Context,
-    pipelines: &Cache,
-    unlit: &Unlit<'_>,
-    plans: &LightPlans,
-    lights: &[usize],
-    held: Option<Buffers>,
-    progress: &Progress,
-) -> Result<Option<(Vec<Store>, Buffers)>> {
-    let lights = planned(plans, lights);
-    let largest = unlit.stores.iter().map(|store| u64::from(store.count) * STRIDE).max();
-    if !fits(context, largest.unwrap_or(0), plans, lights.iter().map(|(_, plan)| plan)) {
-        return Ok(None);
-    }
-    let is_filled = held.is_some();
-    let job = ShadowJob::new(context, pipelines, plans, held)?;
-    let mut recorder = Recorder::untimed(context);
-    if !is_filled {
-        job.fill(&mut recorder, unlit)?;
-    }
-    let made = unlit.stores.iter().map(|store| job.kept(&mut recorder, unlit, store)).collect::<Result<Vec<_>>>()?;
-    job.each(&mut recorder, &lights, progress, &mut |recorder, light, plan| {
-        for (store, unlit) in made.iter().zip(unlit.stores) {
-            // Splats that held no light have all of it.
-            if !matches!(plan, LightPlan::Full) || unlit.stride == STRIDE {
-                job.keep(recorder, store, light, plan)?;
-            }
-        }
-        Ok(())
-    })?;
-    recorder.submit();
-    Ok(Some((made, job.buffers())))
 }
 
 /// The matter that casts shadows in a box of voxels: scalars, the numbers of points of their lattice, and the sides of
@@ -471,10 +402,6 @@ impl<'a> ShadowJob<'a> {
         LightBox { low: self.plans.low().map(|n| n as i32), dims, ..LightBox::zeroed() }
     }
 
-    fn light_box(&self, store: &Store) -> LightBox {
-        LightBox { count: store.count, each: (store.stride / 8) as u32, ..self.of_plans() }
-    }
-
     /// Returns the box with the sides of matter that casts shadows, in a lattice of `dims` points.
     fn casting(&self, dims: [usize; 3], clip: &[Side]) -> LightBox {
         // Planes beyond the last one cut nothing.
@@ -485,55 +412,9 @@ impl<'a> ShadowJob<'a> {
         LightBox { middle: dims.map(|n| (n - 1) as f32 / 2.0), clip_planes: planes, ..self.of_plans() }
     }
 
-    /// Records the field of the extinctions of splats.
-    fn fill(&self, recorder: &mut Recorder<'_>, unlit: &Unlit<'_>) -> Result<()> {
-        let context = self.context;
-        recorder.clear(&self.field, self.field.size());
-        for store in unlit.stores {
-            let LightBox { count, each, .. } = self.light_box(store);
-            let parameters = self.uniform(&LightBox { count, each, ..self.casting(unlit.dims, unlit.clip) })?;
-            let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.field];
-            let has_light = store.stride == STRIDE;
-            let stage = self.pipelines.get_or_make(has_light, || Ok(SplatFieldStage::new(context, has_light)))?;
-            stage.0.run(
-                recorder,
-                &buffers.map(wgpu::Buffer::as_entire_binding),
-                for_each(context, u64::from(store.count)),
-            );
-        }
-        Ok(())
-    }
-
     fn uniform(&self, parameters: &LightBox) -> Result<wgpu::Buffer> {
         let usage = wgpu::BufferUsages::UNIFORM;
         self.context.upload("shadows.light_box", bytemuck::bytes_of(parameters), usage)
-    }
-
-    /// Records the splats of a store with full light, or with the light that they hold already.
-    fn kept(&self, recorder: &mut Recorder<'_>, unlit: &Unlit<'_>, store: &Store) -> Result<Store> {
-        let context = self.context;
-        let from = store.on_device(context)?;
-        let mut splats = from.clone();
-        if !(unlit.over && store.stride == STRIDE) {
-            let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC;
-            splats = context.buffer("store.splats", u64::from(store.count) * STRIDE, usage)?;
-            let buffers = [&self.uniform(&self.light_box(store))?, &splats, &from];
-            let workgroups = for_each(context, u64::from(store.count));
-            self.stages.copy.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), workgroups);
-        }
-        let splats = (Splats::Listed(splats), Some(store.origins.clone()));
-        Store::new(context, splats, STRIDE, store.count, store.bricks.clone())
-    }
-
-    /// Records the share of a light at the splats of a store.
-    fn keep(&self, recorder: &mut Recorder<'_>, store: &Store, light: usize, plan: &LightPlan) -> Result<()> {
-        let context = self.context;
-        let LightBox { strength, word, shift, .. } = self.share(light, plan);
-        let parameters = self.uniform(&LightBox { strength, word, shift, ..self.light_box(store) })?;
-        let buffers = [&parameters, &store.on_device(context)?, &store.origins, &self.shares];
-        let workgroups = for_each(context, u64::from(store.count));
-        self.stages.keep.run(recorder, &buffers.map(wgpu::Buffer::as_entire_binding), workgroups);
-        Ok(())
     }
 
     /// Splits a sweep across planes along these lattice axes into parts, without the planes that it skips.

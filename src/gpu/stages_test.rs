@@ -3,9 +3,12 @@
 use glam::{DAffine3, DMat3, DVec2, DVec3};
 
 use super::adapter_test::adapter;
-use super::classify::Classifier;
+use super::cache::Cache;
 use super::context::Context;
+use super::held_samples::HeldSamples;
+use super::kept_voxels::KeptVoxels;
 use super::layout::Splat;
+use super::list::listed;
 use super::recorder::Recorder;
 use super::samples::Input;
 use super::savings::Savings;
@@ -13,6 +16,7 @@ use super::scan::Scan;
 use super::store::Store;
 use super::twins_test::{self as twins, Voxel};
 use super::view::{ViewGeometry, Weights};
+use super::voxels::Voxels;
 use crate::appearance::demos;
 use crate::camera::{Camera, ProjectionKind, View};
 use crate::formats::{LoadOptions, load};
@@ -48,10 +52,13 @@ fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect()
 }
 
-fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Vec<Store> {
+/// Returns the visible voxels of a volume as lists of splats.
+fn classified(context: &Context, volume: &Volume, transfer: &TransferFunction, lit: Option<Normals>) -> Vec<Store> {
+    let (pipelines, held, kept) = (Cache::default(), HeldSamples::default(), KeptVoxels::default());
     let progress = Progress::default();
-    let input = Input::new(context, volume, transfer, None, &progress).unwrap();
-    Classifier::new(&input).run(&Scan::new(context), &input).unwrap().stores
+    let input = Input::new(context, volume, transfer, lit, &progress).unwrap();
+    let (voxels, _) = Voxels::of_samples(&pipelines, &input, &held, &kept).unwrap();
+    listed(context, &pipelines, &voxels).unwrap()
 }
 
 /// The classifier of layers on the host gives the same splats as the stage on the device, but for rounding.
@@ -78,20 +85,20 @@ fn classify_on_the_host_matches_the_device() {
             let progress = Progress::default();
             // Powers of tensors magnify rounding.
             let normals = lit.then_some(Normals::Gradient);
-            let input = Input::new(&context, &volume, &transfer, normals, &progress).unwrap();
-            let device = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
-            let host =
+            let device = classified(&context, &volume, &transfer, normals);
+            let (host, _) =
                 classified_on_host(&context, &Layers::of_volume(&volume, &transfer), normals, &progress).unwrap();
+            let host = listed(&context, &Cache::default(), &host).unwrap();
             let all = |stores: &[Store]| -> Vec<(Voxel, u32)> {
                 let normals = |store: &Store| {
-                    let bytes = download(&context, &store.on_device(&context).unwrap(), u64::from(store.count) * 16);
+                    let bytes = download(&context, &store.splats, u64::from(store.count) * 16);
                     let splats: Vec<Splat> = bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
                     splats.into_iter().map(|splat| splat.normal).collect::<Vec<_>>()
                 };
                 let normals = stores.iter().flat_map(normals);
                 downloaded(&context, stores).into_iter().zip(normals).collect()
             };
-            let (host, device) = (all(&host.stores), all(&device.stores));
+            let (host, device) = (all(&host), all(&device));
             assert_eq!(host.len(), device.len(), "{what}");
             for ((host, host_normal), (device, normal)) in host.into_iter().zip(device) {
                 splats += 1;
@@ -121,7 +128,7 @@ fn classify_on_the_host_matches_the_device() {
 fn downloaded(context: &Context, stores: &[Store]) -> Vec<Voxel> {
     let read = |s: &Store| {
         let origins: Vec<[u32; 3]> = s.bricks.iter().map(|b| b.origin).collect();
-        let bytes = download(context, &s.on_device(context).unwrap(), u64::from(s.count) * 16);
+        let bytes = download(context, &s.splats, u64::from(s.count) * 16);
         let splats: Vec<Splat> = bytes.chunks_exact(16).map(bytemuck::pod_read_unaligned).collect();
         // Bricks say where their splats begin.
         for (number, brick) in (0..).zip(&s.bricks) {
@@ -172,7 +179,7 @@ fn classify_matches_its_twin_for_every_type() {
 /// Asserts that the device and the host make the same splats of a volume.
 fn assert_classified(context: &Context, volume: &Volume, transfer: &TransferFunction, what: &str) {
     let transfer = &transfer.clone().with_classification(Classification::Point);
-    let got = downloaded(context, &classified(context, volume, transfer));
+    let got = downloaded(context, &classified(context, volume, transfer, None));
     let expected = twins::classify(volume, transfer);
     assert_eq!(got.len(), expected.len(), "{what}");
     for (g, e) in got.iter().zip(&expected) {
@@ -218,7 +225,7 @@ fn bricks_are_bounded_by_their_splats() {
         samples[at(point)] = 60;
     }
     let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap();
-    let stores = classified(&context, &volume, &steps());
+    let stores = classified(&context, &volume, &steps(), None);
     let bounds: Vec<_> = stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds).collect();
     let single = |[x, y, z]: [u32; 3]| [[x, y, z], [x + 1, y + 1, z + 1]];
     assert_eq!(bounds, [[[3, 5, 7], [10, 6, 32]], single(shown[3]), single(shown[2])]);
@@ -237,7 +244,7 @@ fn wide_integers_keep_the_resolution_of_their_window() {
     let transfer =
         TransferFunction::new(vec![p(f64::from(base + 10), 0.0), p(f64::from(base + 50), 0.5)], None).unwrap();
     let transfer = transfer.with_classification(Classification::Point);
-    let got = downloaded(&context, &classified(&context, &volume, &transfer));
+    let got = downloaded(&context, &classified(&context, &volume, &transfer, None));
     let expected = twins::classify(&volume, &transfer);
     assert_eq!(got.len(), expected.len());
     for (g, e) in got.iter().zip(&expected) {
@@ -254,7 +261,7 @@ fn chunks_continue_the_lattice() {
     let count = dims.iter().product::<u32>();
     let samples = (0..count).map(|i| u8::from(i % 9973 == 0) * 60).collect();
     let volume = Volume::new(Grid::axis_parallel(dims, [1.0; 3]).unwrap(), Samples::U8(samples)).unwrap();
-    let got = downloaded(&context, &classified(&context, &volume, &steps()));
+    let got = downloaded(&context, &classified(&context, &volume, &steps(), None));
     let expected = twins::classify(&volume, &steps());
     assert!(got.iter().map(|v| v.point).eq(expected.iter().map(|v| v.point)));
 }
@@ -314,7 +321,7 @@ fn sort_matches_its_twin() {
     let (volume, transfer, cameras, settings) = scene();
     let context = context();
     let scan = Scan::new(&context);
-    let stores = classified(&context, &volume, &transfer);
+    let stores = classified(&context, &volume, &transfer, None);
     let splats = downloaded(&context, &stores);
     for (camera, perspective) in cameras.iter().zip([false, true]) {
         for (thickness, sheets_kind, size) in [

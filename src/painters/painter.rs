@@ -15,6 +15,7 @@ use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::stage::Constant;
 use crate::gpu::store::Store;
 use crate::gpu::view::{ViewGeometry, Weights};
+use crate::gpu::voxels::Voxels;
 use crate::image::{DepthMap, Region};
 use crate::prepare::levels::ScalarNeed;
 use crate::settings::{Model, Settings};
@@ -37,6 +38,8 @@ pub(crate) struct Room {
     pub(crate) need: fn(&ViewGeometry, &Settings, Weights) -> ScalarNeed,
     /// Whether the painter draws cells of several levels as layers of one picture, coarser ones farther from the eye.
     pub(crate) layers: bool,
+    /// Whether the painter draws lists of splats.
+    pub(crate) lists: bool,
     /// Begins a picture of its nearest layer and the layers behind it (none without `layers`).
     pub(crate) begin: for<'a> fn(Job<'a>, Vec<Job<'a>>) -> Result<Begun<'a>>,
 }
@@ -51,11 +54,15 @@ pub(crate) struct Job<'a> {
     pub(crate) kept: &'a Cache,
     pub(crate) view: &'a ViewGeometry,
     pub(crate) settings: &'a Settings,
-    /// The splats of the scene.
-    pub(crate) stores: &'a [Store],
-    /// The scalars that no store lists, for painters whose [`ScalarNeed::samples`] permits it, and the number that
-    /// takes the place of [`Store::id`].
+    /// The visible voxels of a pre-shaded scene.
+    pub(crate) voxels: Option<&'a Arc<Voxels>>,
+    /// The splats of the scene, for painters with [`Room::lists`].
+    pub(crate) lists: &'a [Store],
+    /// The scalars of a post-shaded scene, for painters whose [`ScalarNeed::samples`] permits it, and the number that
+    /// distinguishes them from others.
     pub(crate) scalars: Option<&'a (Arc<SampledScalars>, u64)>,
+    /// Whether the device has no room for the scalars.
+    pub(crate) is_outgrown: bool,
     pub(crate) weights: Weights,
     /// The tables that classify and light scalars; `None` for classified voxels.
     pub(crate) post: Option<&'a PostShading>,
@@ -81,8 +88,9 @@ pub(crate) struct Depths<'a> {
 impl Job<'_> {
     /// Returns the number of splats.
     pub(crate) fn splats(&self) -> u64 {
-        let listed: u64 = self.stores.iter().map(|store| u64::from(store.count)).sum();
-        listed + self.scalars.map_or(0, |(scalars, _)| scalars.count())
+        let listed: u64 = self.lists.iter().map(|store| u64::from(store.count)).sum();
+        let voxels = self.voxels.map_or(listed, |voxels| voxels.count());
+        voxels + self.scalars.map_or(0, |(scalars, _)| scalars.count())
     }
 
     /// Returns whether empty space is visible: places without splats have the transfer function's base.

@@ -13,15 +13,13 @@ use super::shadows::{Occluders, Shadows, shaded};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::cells;
-use crate::gpu::classify::{self, Classifier};
 use crate::gpu::context::Context;
+use crate::gpu::drawable::Drawable;
 use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::kept_voxels::KeptVoxels;
-use crate::gpu::sampled::Sampled;
 use crate::gpu::samples::{Bricks, Input};
-use crate::gpu::scan::Scan;
 use crate::gpu::splat::SplatLight;
-use crate::gpu::store::{Drawable, StoreBuilder};
+use crate::gpu::voxels::Voxels;
 use crate::kernel::Kernel;
 use crate::layers::Layers;
 use crate::lighting::Normals;
@@ -32,23 +30,29 @@ use crate::stats::on_host;
 use crate::transfer::bins::VisibleValues;
 use crate::transfer::scalars::Reduction;
 use crate::transfer::{Resolution, TransferFunction};
-use crate::volume::Volume;
+use crate::volume::{BRICK_EDGE, Volume};
 
-/// Classifies layers on the host: returns their visible voxels as splats, brick by brick, with normals if there is
-/// light.
+/// Classifies layers on the host: returns their visible voxels, with normals if there is light.
 pub(crate) fn classified(
     context: &Context,
     layers: &Layers,
     normals: Option<Normals>,
     progress: &Progress,
-) -> Result<Drawable> {
+) -> Result<(Arc<Voxels>, Bricks)> {
     let left_out = LeftOut { voxels: context.savings.voxels, bricks: context.savings.bricks };
     let classifier = layers::LayerClassifier::new(layers, normals, left_out)?;
-    let mut stores = StoreBuilder::new(context, classify::STRIDE, u32::MAX);
     let row = |j: usize, k: usize| classifier.row([j, k]);
-    let doing = (progress, "classifying");
-    stores.push_rows(layers.volume(), classifier.counts, classifier.halo, doing, &row)?;
-    stores.finish()
+    let [across, down, deep] = classifier.counts;
+    let (volume, mut made, mut rows) = (layers.volume(), Vec::new(), 0);
+    volume.for_each_row([down, deep], classifier.halo, &row, &mut |bricks| {
+        made.extend(bricks);
+        rows += 1;
+        progress.report("classifying", f64::from(rows) / (down * deep) as f64);
+        progress.check()
+    })?;
+    let voxels = Voxels::send(context, volume.grid().dims(), &made, normals)?;
+    let bricks = Bricks { all: (across * down * deep) as u32, uploaded: made.len() as u32, bytes: voxels.bytes() };
+    Ok((voxels, bricks))
 }
 
 /// The last value made, with its key.
@@ -85,13 +89,7 @@ impl<K, V> LastValue<K, V> {
     }
 
     pub(super) fn clear(&self) {
-        self.keep_if(|_| false);
-    }
-
-    /// Drops the held value unless `keep` accepts it.
-    fn keep_if(&self, keep: impl FnOnce(&V) -> bool) {
-        let mut held = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *held = held.take().filter(|(_, value)| keep(value));
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 }
 
@@ -100,11 +98,6 @@ type CellsKey = (Option<SplatLight>, Option<Shadows>);
 
 /// The key of visible voxels: the shadows on them, and the number of earlier changes of the transfer function.
 type ClassifiedKey = (Option<Shadows>, u32);
-
-/// Returns the resources that painters made of dropped splats: samples may be packed over them.
-fn kept_of<K>(held: Option<(K, Arc<Drawable>)>) -> Option<Arc<Cache>> {
-    held.map(|(_, before)| Arc::clone(&before.kept))
-}
 
 /// A volume prepared for pre-shading.
 pub(super) struct PreShaded {
@@ -115,8 +108,7 @@ pub(super) struct PreShaded {
     pub(super) classified: LastValue<ClassifiedKey, Drawable>,
     /// The occluders of shadows.
     occluders: Occluders,
-    /// The samples on the device, held from the first picture on unless a list of splats takes less memory: then from
-    /// the first change of the transfer function or the first cells on.
+    /// The samples on the device, held from the first picture on.
     samples: HeldSamples,
     /// The number of changes of the transfer function.
     edits: u32,
@@ -145,7 +137,7 @@ pub(super) struct PostShaded {
     pub(super) light: LastValue<Shadows, FallenLight>,
     /// The splats for each size of cells.
     pub(super) emitted: [LastValue<EmissionKey, Drawable>; CellSize::COUNT],
-    /// The samples on the device, held from the first picture on unless a list of splats takes less memory.
+    /// The samples on the device, held from the first picture of the painter `tiles` on.
     pub(super) samples: HeldSamples,
     /// Whether the splats serve other transfer functions too.
     pub(super) whole: bool,
@@ -164,8 +156,7 @@ impl PostShaded {
         emission.sampled((context, pipelines), transfer, (samples, lit), progress)
     }
 
-    /// Emits splats of scalars, or uses samples in their place if the key permits it and the device has room for them.
-    /// `lit` if pictures are lit.
+    /// Lists scalars, or uses samples in their place if the key permits it. `lit` if pictures are lit.
     pub(super) fn emit(
         &self,
         (context, pipelines): (&Context, &Cache),
@@ -176,11 +167,11 @@ impl PostShaded {
         let emission = Emission::new(context, volume, transfer, *shows, key)?;
         if key.need.samples {
             let sampled = || emission.sampled((context, pipelines), transfer, (samples, lit), progress);
-            match context.guarded("holding samples", sampled) {
-                Ok(Samples::Held(made)) => return Ok(made),
-                Ok(Samples::Outgrown | Samples::Invisible) | Err(Error::OutOfMemory(_)) => {}
-                Err(e) => return Err(e),
-            }
+            return match context.guarded("holding samples", sampled)? {
+                Samples::Held(made) => Ok(made),
+                Samples::Outgrown => Ok(Drawable::outgrown()),
+                Samples::Invisible => Ok(Drawable::default()),
+            };
         }
         context.guarded("emitting scalars", || emission.emit(context, progress))
     }
@@ -199,10 +190,9 @@ impl PostShaded {
         let emitted = &self.emitted[lattice.size.number()];
         let key = EmissionKey { kernel, normalization, need, lit, coarse, whole, reduction };
         emitted.get_or_make(key, EmissionKey::serves, |held| {
-            let kept = kept_of(held).filter(|_| need.samples);
-            let made = self.emit((context, pipelines), (&key, lit), progress)?;
-            let over = kept.filter(|_| made.scalars.is_some());
-            Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
+            // Samples are packed over those before.
+            let kept = held.filter(|_| need.samples).map(|(_, before)| Arc::clone(&before.kept)).unwrap_or_default();
+            Ok(Arc::new(self.emit((context, pipelines), (&key, lit), progress)?.with_kept(kept)))
         })
     }
 
@@ -251,8 +241,6 @@ impl PreShaded {
             ));
         };
         self.layers = Layers::of_volume(volume, transfer);
-        // Samples are packed over those before.
-        self.classified.keep_if(|before| Sampled::of(&before.stores).is_some());
         self.occluders.clear();
         self.visible.clear();
         self.cells.iter().for_each(LastValue::clear);
@@ -260,73 +248,47 @@ impl PreShaded {
         Ok(())
     }
 
-    /// Returns the visible voxels, with `lists` as lists of splats, and the seconds that it took to make them.
+    /// Returns the visible voxels, and the seconds that it took to make them.
     pub(super) fn classified(
         &self,
         context: &Context,
         pipelines: &Cache,
-        (shadows, lists): (Option<&Shadows>, bool),
+        shadows: Option<&Shadows>,
         progress: &Progress,
     ) -> Result<(Arc<Drawable>, f64)> {
-        let classify = |lists| match self.layers.plain() {
-            None => classified(context, &self.layers, self.normals, progress),
-            Some((volume, transfer)) => {
-                let input = Input::new(context, volume, transfer, self.normals, progress)?;
-                self.classified_on_device(pipelines, &input, lists)
-            }
+        let classify = || {
+            let (voxels, bricks) = match self.layers.plain() {
+                None => classified(context, &self.layers, self.normals, progress)?,
+                Some((volume, transfer)) => {
+                    let input = Input::new(context, volume, transfer, self.normals, progress)?;
+                    Voxels::of_samples(pipelines, &input, &self.samples, &self.visible)?
+                }
+            };
+            Ok::<_, Error>(Drawable::of_voxels(voxels, bricks))
         };
         self.classified.get_or_make((shadows.cloned(), self.edits), PartialEq::eq, |held| {
-            context.guarded("classifying the volume", || match shadows {
-                None => {
+            context.guarded("classifying the volume", || {
+                // Voxels are packed over those before.
+                let kept = held.as_ref().map(|(_, before)| Arc::clone(&before.kept)).unwrap_or_default();
+                let Some(shadows) = shadows else {
                     self.occluders.clear();
-                    let kept = kept_of(held);
-                    let made = classify(lists)?;
-                    let over = kept.filter(|_| Sampled::of(&made.stores).is_some());
-                    Ok(Arc::new(Drawable { kept: over.unwrap_or_default(), ..made }))
-                }
-                Some(shadows) => {
-                    // Other shadows lie on the same voxels.
-                    let (held, mut classified) = match held.filter(|((_, edits), _)| *edits == self.edits) {
-                        Some(((held, _), classified)) => (held, classified),
-                        None => (None, Arc::new(classify(lists)?)),
-                    };
-                    let kept = Arc::clone(&classified.kept);
-                    let bricks = classified.bricks;
-                    let over = Arc::get_mut(&mut classified).is_some();
-                    let (of, held, occluders) = ((context, pipelines), held.as_ref(), &self.occluders);
-                    let swept = shaded(of, (&classified.stores, over), held, occluders, shadows, progress)?;
-                    let on_host = || light_on_host::shaded(context, &classified.stores, shadows, progress);
-                    let stores = swept.map_or_else(on_host, Ok)?;
-                    let kept = if Sampled::of(&stores).is_some() { kept } else { Arc::default() };
-                    Ok(Arc::new(Drawable { stores, bricks, kept, ..Drawable::default() }))
-                }
+                    drop(held);
+                    return Ok(Arc::new(classify()?.with_kept(kept)));
+                };
+                // Other shadows lie on the same voxels.
+                let (held, mut unlit) = match held.filter(|((_, edits), _)| *edits == self.edits) {
+                    Some(((held, _), classified)) => (held, classified),
+                    None => (None, Arc::new(classify()?)),
+                };
+                let over = Arc::get_mut(&mut unlit).is_some();
+                let Some(voxels) = &unlit.voxels else { return Ok(unlit) };
+                let (of, held, occluders) = ((context, pipelines), held.as_ref(), &self.occluders);
+                let swept = shaded(of, (voxels, over), held, occluders, shadows, progress)?;
+                let on_host = || light_on_host::shaded(of, voxels, shadows, progress);
+                let voxels = Arc::new(swept.map_or_else(on_host, Ok)?);
+                Ok(Arc::new(Drawable::of_voxels(voxels, unlit.bricks).with_kept(kept)))
             })
         })
-    }
-
-    /// Classifies the voxels by stages of the device. From the first change of the transfer function on the device
-    /// holds the samples, and before if it has room for them: no list of splats is made unless something reads it, or
-    /// takes less memory, or the device has no room.
-    fn classified_on_device(&self, pipelines: &Cache, input: &Input<'_>, lists: bool) -> Result<Drawable> {
-        let context = input.context();
-        let is_held = self.edits > 0 || self.samples.is_held();
-        if is_held || !lists && Sampled::may_save(input)? {
-            let sampled = || Sampled::run(pipelines, input, &self.samples, &self.visible);
-            match context.guarded("holding samples", sampled) {
-                Ok(made) if is_held || !Sampled::of(&made.stores).is_some_and(|sampled| sampled.is_sparse()) => {
-                    return Ok(made);
-                }
-                Ok(made) => {
-                    made.stores.iter().try_for_each(|store| store.on_device(context).map(drop))?;
-                    self.visible.clear();
-                    self.samples.clear();
-                    return Ok(made);
-                }
-                Err(Error::OutOfMemory(_)) => {}
-                Err(e) => return Err(e),
-            }
-        }
-        Classifier::of(pipelines, input)?.run(&*Scan::of(pipelines, context)?, input)
     }
 
     /// Returns the cells of a lattice, and the seconds that it took to make them.
@@ -341,43 +303,32 @@ impl PreShaded {
             return Err(Error::volume("several layers have no cells"));
         };
         self.cells[size.number()].get_or_make((light.clone(), shadows.clone()), PartialEq::eq, |held| {
-            let shaded =
-                shadows.as_ref().map(|shadows| self.classified(context, pipelines, (Some(shadows), false), progress));
+            let shaded = shadows.as_ref().map(|shadows| self.classified(context, pipelines, Some(shadows), progress));
             let shaded = shaded.transpose()?;
             context.guarded("classifying the volume", || {
                 let light = light.as_ref();
                 let shape = Shape::new(volume.grid(), transfer, *size);
-                // Cells of another light: their memory serves these, or they are dropped before. Shadows lie on splats,
+                // Cells of another light: their memory serves these, or they are dropped before. Shadows lie on voxels
                 // whose densities are rounded, so that other cells may be faint.
                 let before = held.and_then(|((_, of), cells)| {
                     let serves = of.is_some() == shadows.is_some();
                     Arc::into_inner(cells).filter(|_| serves)
                 });
-                let mut sent = 0;
-                let sampled = match &shaded {
-                    Some((shaded, _)) => Sampled::of(&shaded.stores).filter(|sampled| sampled.has_whole_rows()),
+                let before = before.and_then(|Drawable { voxels, bricks, .. }| Some((voxels?, bricks)));
+                let (sampled, sent) = match shaded.and_then(|(shaded, _)| shaded.voxels.clone()) {
+                    Some(voxels) => (voxels, 0),
                     None => {
                         let input = Input::new(context, volume, transfer, self.normals, progress)?;
-                        let hold = || Sampled::hold(pipelines, &input, &self.samples, &self.visible);
-                        let fits = HeldSamples::fits(&input, &input.needed_bricks()?);
-                        let held = fits.then(hold).transpose()?;
-                        held.map(|(sampled, bytes)| {
-                            sent = bytes;
-                            sampled
-                        })
+                        let (voxels, held) = Voxels::of_samples(pipelines, &input, &self.samples, &self.visible)?;
+                        (voxels, held.bytes)
                     }
                 };
-                let listed = shaded.as_ref().map(|(shaded, _)| cells::Voxels::Splats(&shaded.stores));
-                let voxels = sampled.as_deref().map(cells::Voxels::Samples).or(listed).ok_or_else(|| {
-                    context.unsupported(
-                        "has no room for the samples of which cells are made: draw bricks (voxsplat plan), or use \
-                         --painter cpu"
-                            .to_owned(),
-                    )
-                })?;
-                let made = cells::run(context, pipelines, (voxels, light), &shape.on_device(), before, progress)?;
-                let bricks = Bricks { bytes: made.bricks.bytes + sent, ..made.bricks };
-                Ok(Arc::new(Drawable { bricks, ..made }))
+                let (before, bricks) = before.unzip();
+                let made = cells::run(context, pipelines, (&sampled, light), &shape.on_device(), before, progress)?;
+                let all = || shape.on_device().dims.map(|n| n.div_ceil(BRICK_EDGE) as u32).into_iter().product();
+                let bricks =
+                    bricks.unwrap_or_else(|| Bricks { all: all(), uploaded: made.bricks().count() as u32, bytes: 0 });
+                Ok(Arc::new(Drawable::of_voxels(made, Bricks { bytes: bricks.bytes + sent, ..bricks })))
             })
         })
     }

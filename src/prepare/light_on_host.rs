@@ -2,16 +2,19 @@
 //! shadows, kernels too narrow for sweeps, and volumes whose light outgrows the device. The device lists the splats,
 //! the host reads them, and the light goes back.
 
-use super::shadows::{Shadows, bounds_of};
+use super::shadows::Shadows;
 use crate::error::Result;
+use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{BRICK_SHIFT, LIT_WORDS};
-use crate::gpu::shadows::STRIDE;
+use crate::gpu::layout::BRICK_SHIFT;
+use crate::gpu::list::listed;
 use crate::gpu::store::Store;
+use crate::gpu::voxels::Voxels;
 use crate::lighting::MAX_CASTING;
 use crate::lighting::shadow::field::CLIPPED;
 use crate::lighting::shadow::{Arrival, Reusable};
 use crate::progress::Progress;
+use crate::splats::brick::bounds_of;
 use voxsplat_volume::memory::{reserved, zeroed};
 
 /// The splats of stores, read by the host.
@@ -29,7 +32,7 @@ pub(super) type Shares = [u16; MAX_CASTING + 1];
 impl<'a> ListedSplats<'a> {
     pub(super) fn read(context: &Context, stores: &'a [Store]) -> Result<Self> {
         let words = stores.iter().map(|store| store.words(context)).collect::<Result<_>>()?;
-        Ok(Self { stores, words, bounds: bounds_of(stores) })
+        Ok(Self { stores, words, bounds: bounds_of(stores.iter().flat_map(|store| &store.bricks)) })
     }
 
     /// Returns the splats of each store: their lattice points, and their words without the place.
@@ -80,24 +83,15 @@ impl<'a> ListedSplats<'a> {
     }
 }
 
-/// Returns lit splats with the shares of light that arrive at each.
+/// Returns lit voxels with the shares of light that arrive at each.
 pub(super) fn shaded(
-    context: &Context,
-    stores: &[Store],
+    (context, pipelines): (&Context, &Cache),
+    voxels: &Voxels,
     shadows: &Shadows,
     progress: &Progress,
-) -> Result<Vec<Store>> {
-    let listed = ListedSplats::read(context, stores)?;
+) -> Result<Voxels> {
+    let stores = listed(context, pipelines, voxels)?;
+    let listed = ListedSplats::read(context, &stores)?;
     let light = listed.light(shadows, |words| f32::from_bits(words[0] & 0xffff_ff00), progress)?;
-    let of_store = |((store, words), shares): ((&Store, &Vec<u32>), &Vec<Shares>)| {
-        let count = u64::from(store.count) * (STRIDE / 4);
-        let mut shaded: Vec<u32> = reserved(count, || "the light on splats".to_owned())?;
-        for (splat, &[a, b, c, ambient]) in words.chunks_exact(store.stride as usize / 4).zip(shares) {
-            let pair = |low: u16, high: u16| u32::from(low) | u32::from(high) << 16;
-            shaded.extend_from_slice(&splat[..LIT_WORDS]);
-            shaded.extend([pair(a, b), pair(c, ambient)]);
-        }
-        store.with_words(context, &shaded, STRIDE)
-    };
-    stores.iter().zip(&listed.words).zip(&light).map(of_store).collect()
+    voxels.under_shares(context, &light.concat())
 }

@@ -17,11 +17,11 @@ use super::shadows::{Shadows, unknown};
 use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
+use crate::gpu::drawable::Drawable;
 use crate::gpu::layout::unpacked_gradient;
 use crate::gpu::light_volume::LightVolume;
 use crate::gpu::scalar_field::ScalarField;
 use crate::gpu::shadows::{BoxLight, run_on_box};
-use crate::gpu::store::Drawable;
 use crate::gpu::transfer::TransferTable;
 use crate::lighting::MAX_CASTING;
 use crate::lighting::shadow::plan::LightPlans;
@@ -83,7 +83,7 @@ impl FallenLight {
         let is_turned = held.is_some();
         let kept = held.filter(|(of, _)| of.without_lights() == shadows.without_lights());
         let kept = kept.and_then(|(of, held)| Some((of, Arc::into_inner(held)?.kept?)));
-        let on_host = || Self::on_host(context, scalars, list()?, shadows, progress);
+        let on_host = || Self::on_host((context, pipelines), scalars, &list()?, shadows, progress);
         let made;
         let (of, held, field, bounds) = match kept {
             Some((of, held)) => {
@@ -117,13 +117,14 @@ impl FallenLight {
 
     /// Finds the light at listed scalars on the host.
     fn on_host(
-        context: &Context,
+        (context, pipelines): (&Context, &Cache),
         scalars: &LitScalars<'_>,
-        listed: Drawable,
+        listed: &Drawable,
         shadows: &Shadows,
         progress: &Progress,
     ) -> Result<Self> {
-        let listed = ListedSplats::read(context, &listed.stores)?;
+        let stores = listed.lists(context, pipelines)?;
+        let listed = ListedSplats::read(context, &stores)?;
         let light = listed.light(shadows, |words| scalars.density(words), progress)?;
         let [low, size] = listed.bounds;
         let count = size.iter().map(|&n| n as u64).product();

@@ -10,12 +10,13 @@ use super::scalar_cells::{Coarse, Filters};
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
+use crate::gpu::drawable::Drawable;
 use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::layout::{LIT_SCALAR_WORDS, SCALAR_WORDS, packed_gradient};
 use crate::gpu::sampled_scalars::SampledScalars;
 use crate::gpu::samples::{Bricks, Input};
 use crate::gpu::savings::Savings;
-use crate::gpu::store::{Drawable, StoreBuilder};
+use crate::gpu::store::StoreBuilder;
 use crate::kernel::{Kernel, Normalization, Slopes};
 use crate::progress::Progress;
 use crate::settings::budget::{MAX_GROWTH, MAX_PLACES, too_much};
@@ -137,7 +138,7 @@ fn within_reach(active: &[bool], halo: usize, reach: f64) -> Vec<u32> {
 /// The scalars of a volume as samples on the device, or the reason why it has none.
 pub(crate) enum Samples {
     Held(Drawable),
-    /// No samples: the device holds others, has no room for these, or lists take less memory.
+    /// No samples: the device has no room for them, or the lattice has several levels.
     Outgrown,
     /// No samples, because no scalar is visible.
     Invisible,
@@ -263,7 +264,7 @@ impl<'a> Emission<'a> {
     ) -> Result<Samples> {
         /// The largest number of bytes of the box that painters pack.
         const MOST: u64 = 4 << 30;
-        let EmissionKey { lit, reduction, whole, need, .. } = self.key;
+        let EmissionKey { lit, reduction, .. } = self.key;
         let input = Input::of_scalars(context, self.volume, (transfer, reduction), around, progress);
         let [lattice] = self.lattices.as_slice() else { return Ok(Samples::Outgrown) };
         let Some(bounds) = self.bounds(lattice)? else { return Ok(Samples::Invisible) };
@@ -275,19 +276,16 @@ impl<'a> Emission<'a> {
             && lattice.extended.iter().all(|&n| n < deepest)
             && (0..3).fold(texel, places) <= MOST;
         let shown = self.active.iter().filter(|&&active| active).count();
-        let listed = (shown * EDGE * EDGE * EDGE) as u64 * 4 * self.key.words() as u64;
-        // Light falls on samples alone.
-        let saves = whole || need.zeros || input.bytes_of(&all) <= listed;
-        if !fits || !saves {
+        if !fits {
             return Ok(Samples::Outgrown);
         }
         let dims = lattice.dims.map(|n| n as u32);
         let filters = lattice.filters.as_ref().map(|filters| filters.on_device(dims, lattice.slopes));
         let part = (lattice.padding as u32, bounds);
-        let made = SampledScalars::new((&input, pipelines), &reduction, held, part, (filters.as_ref(), lit))?;
+        let (scalars, bytes) =
+            SampledScalars::new((&input, pipelines), &reduction, held, part, (filters.as_ref(), lit))?;
         let bricks = |bytes| Bricks { all: self.active.len() as u32, uploaded: shown as u32, bytes };
-        let held = |(scalars, bytes)| Samples::Held(Drawable::of_scalars(scalars, bricks(bytes)));
-        Ok(made.map_or(Samples::Outgrown, held))
+        Ok(Samples::Held(Drawable::of_scalars(scalars, bricks(bytes))))
     }
 
     /// Returns the hull of the places within the influence of voxels that can be visible, in the extended lattice;
@@ -347,14 +345,14 @@ impl<'a> Emission<'a> {
 
     /// Makes the splats of the chosen scalars.
     pub(crate) fn emit(&self, context: &Context, progress: &Progress) -> Result<Drawable> {
-        let mut stores = StoreBuilder::new(context, 4 * self.key.words() as u64, u32::MAX);
+        let mut stores = StoreBuilder::new(context, 4 * self.key.words() as u64);
         for lattice in &self.lattices {
             let row = |j: usize, k: usize| self.row(lattice, j, k);
             stores.push_rows(self.volume, lattice.counts, lattice.halo, (progress, "emitting scalars"), &row)?;
         }
         let scalars = stores.finish()?;
         context.wait("emitting scalars")?;
-        Ok(scalars)
+        Ok(Drawable::of_lists(scalars))
     }
 
     /// Returns whether a scalar can be visible.

@@ -18,16 +18,16 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
+use crate::gpu::drawable::Drawable;
 use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::light_volume::{LightVolume, PostShading};
-use crate::gpu::store::Drawable;
 use crate::gpu::transfer::TransferTable;
 use crate::gpu::view::{Fade, Held, ViewGeometry, Weights};
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
 use crate::lighting::{Lighting, Normals, shadow};
 use crate::progress::Progress;
-use crate::settings::{Level, MAX_LEVEL, Model, Painter, Settings};
+use crate::settings::{Level, MAX_LEVEL, Model, Settings};
 use crate::stats::on_host;
 use crate::transfer::bins::VisibleValues;
 use crate::transfer::scalars::Reduction;
@@ -75,11 +75,6 @@ fn weights(layers: &Layers, grid: &Grid, lit: bool) -> Weights {
         // Light may turn any colour white.
         brightest: if lit { [1.0; 3] } else { layers.brightest() },
     }
-}
-
-/// Returns whether a picture of classified voxels reads lists of splats.
-fn reads_lists(settings: &Settings) -> bool {
-    matches!(settings.painter, Painter::Quads(_))
 }
 
 fn shows(settings: &Settings) -> VisibleValues {
@@ -237,7 +232,7 @@ impl Scene {
     ) -> Result<()> {
         if let Content::Splats(voxels) = &self.content {
             self.foresee(Drawn::new(context, settings, CellSize::VOXEL))?;
-            let (_, seconds) = voxels.classified(context, pipelines, (None, reads_lists(settings)), progress)?;
+            let (_, seconds) = voxels.classified(context, pipelines, None, progress)?;
             self.seconds.store(seconds.to_bits(), Ordering::Relaxed);
         }
         Ok(())
@@ -610,8 +605,7 @@ impl Scene {
     ) -> Result<(Arc<Drawable>, f64)> {
         match &self.content {
             Content::Splats(voxels) if lattice.size == CellSize::VOXEL => {
-                let shadows = lattice.shadows.as_ref();
-                voxels.classified(context, pipelines, (shadows, reads_lists(&lattice.settings)), progress)
+                voxels.classified(context, pipelines, lattice.shadows.as_ref(), progress)
             }
             Content::Splats(voxels) => voxels.cells(context, pipelines, lattice, progress),
             Content::Scalars(scalars) => scalars.emitted((context, pipelines), lattice, need, progress),

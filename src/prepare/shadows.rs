@@ -1,23 +1,22 @@
-//! shadows: from splats to splats with the shares of light that arrive at them, once for a volume, a transfer function
-//! and a set of lights, by [`gpu::shadows`](crate::gpu::shadows) or, as exact sums, by `light_on_host`.
+//! shadows: from visible voxels to voxels with the shares of light that arrive at them, once for a volume, a transfer
+//! function and a set of lights, by [`gpu::shadows`](crate::gpu::shadows) or, as exact sums, by `light_on_host`.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use glam::DVec3;
 
 use crate::camera::clip::{Side, is_inside};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::sampled::Sampled;
-use crate::gpu::shadows::{self, Buffers, Unlit, UnlitSamples};
-use crate::gpu::store::Store;
+use crate::gpu::shadows::{self, Buffers, Unlit};
+use crate::gpu::voxels::Voxels;
 use crate::lighting::shadow::ShadowLattice;
 use crate::lighting::shadow::plan::LightPlans;
 use crate::lighting::{Casting, MAX_CASTING};
 use crate::progress::Progress;
 
-/// The shadows on a lattice of splats.
+/// The shadows on a lattice of voxels.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Shadows {
     pub(crate) casting: Casting,
@@ -46,7 +45,7 @@ impl Shadows {
     }
 }
 
-/// The occluders on a lattice of splats, kept for lights that move, with their shadows without lights.
+/// The occluders on a lattice of voxels, kept for lights that move, with their shadows without lights.
 #[derive(Default)]
 pub(crate) struct Occluders(Mutex<Option<(Shadows, Buffers)>>);
 
@@ -70,51 +69,32 @@ impl Occluders {
     }
 }
 
-/// Returns the lights, with the ambient light, whose shares splats do not hold.
+/// Returns the lights, with the ambient light, whose shares voxels do not hold.
 pub(super) fn unknown<'a>(held: Option<&'a Shadows>, shadows: &'a Shadows) -> impl Iterator<Item = usize> + 'a {
     (0..=MAX_CASTING).filter(move |&light| !held.is_some_and(|held| held.is_same(shadows, light)))
 }
 
-/// Returns lit splats with the shares of light that arrive at each. Splats that hold shares of other shadows keep the
-/// shares of lights that are the same. With `over`, the memory of the splats may be used again. `None`: the host has to
+/// Returns lit voxels with the shares of light that arrive at each. Voxels that hold shares of other shadows keep the
+/// shares of lights that are the same. With `over`, the memory of the shares may be used again. `None`: the host has to
 /// find the light.
 pub(crate) fn shaded(
     (context, pipelines): (&Context, &Cache),
-    (stores, over): (&[Store], bool),
+    (voxels, over): (&Voxels, bool),
     held: Option<&Shadows>,
     occluders: &Occluders,
     shadows: &Shadows,
     progress: &Progress,
-) -> Result<Option<Vec<Store>>> {
+) -> Result<Option<Voxels>> {
     let Shadows { casting, lattice, clip } = shadows;
-    let Some(plans) = LightPlans::new(casting, lattice, bounds_of(stores)) else { return Ok(None) };
+    let Some(plans) = LightPlans::new(casting, lattice, voxels.bounds()) else { return Ok(None) };
     let lights: Vec<usize> = unknown(held, shadows).collect();
-    let unlit = Unlit { stores, over, dims: lattice.dims, clip };
+    let unlit = Unlit { voxels, over, dims: lattice.dims, clip };
     let buffers = occluders.taken(shadows);
-    let made = match Sampled::of(stores) {
-        None => shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?,
-        Some(sampled) => {
-            let unlit = UnlitSamples { sampled: &sampled, over, dims: lattice.dims, clip };
-            let made = shadows::run_on_samples(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
-            let stores = |(sampled, buffers)| Ok::<_, Error>((Sampled::stores(&Arc::new(sampled), context)?, buffers));
-            made.map(stores).transpose()?
-        }
-    };
-    Ok(made.map(|(stores, buffers)| {
+    let made = shadows::run(context, pipelines, &unlit, &plans, &lights, buffers, progress)?;
+    Ok(made.map(|(voxels, buffers)| {
         // Lights that changed once may do so again.
         let is_kept = held.is_some() && buffers.bytes() <= Occluders::MOST;
         occluders.keep(is_kept.then(|| (shadows.without_lights(), buffers)));
-        stores
+        voxels
     }))
-}
-
-/// Returns the first lattice point of the box around splats, and its size; one voxel if there are no splats.
-pub(super) fn bounds_of(stores: &[Store]) -> [[usize; 3]; 2] {
-    let bricks = stores.iter().flat_map(|store| &store.bricks);
-    let filled = bricks.map(|brick| brick.bounds).filter(|[low, high]| low != high);
-    let bounds = filled.reduce(|[low, high], bounds| {
-        [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
-    });
-    let [low, high] = bounds.unwrap_or([[0; 3], [1; 3]]).map(|point| point.map(|n| n as usize));
-    [low, [0, 1, 2].map(|a| high[a] - low[a])]
 }

@@ -16,12 +16,14 @@ use crate::camera::clip::{Clip, Plane};
 use crate::gpu::adapter_test::adapter;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
+use crate::gpu::drawable::Drawable;
 use crate::gpu::held_samples::HeldSamples;
 use crate::gpu::layout::{LIT_WORDS, LightBox};
+use crate::gpu::list::listed;
 use crate::gpu::recorder::Recorder;
 use crate::gpu::scalar_field::ScalarField;
-use crate::gpu::store::{Drawable, Store};
 use crate::gpu::transfer::TransferTable;
+use crate::gpu::voxels::Voxels;
 use crate::kernel::{Kernel, Normalization};
 use crate::layers::Layers;
 use crate::lighting::shadow::ShadowLattice;
@@ -33,17 +35,19 @@ use crate::transfer::scalars::Reduction;
 use crate::transfer::{ControlPoint, GradientPoint, Resolution, TransferFunction};
 use crate::volume::{self, Grid, Volume};
 
-/// Returns the shares of light at splats, in 1/65535: of three lights and of ambient light.
-fn shares(context: &Context, stores: &[Store]) -> Vec<[u32; 4]> {
+/// Returns the shares of light at voxels, in 1/65535: of three lights and of ambient light.
+fn shares(context: &Context, voxels: &Voxels) -> Vec<[u32; 4]> {
     let of_words = |low: u32, high: u32| [low & 0xffff, low >> 16, high & 0xffff, high >> 16];
-    let read = ListedSplats::read(context, stores).unwrap();
+    let lists = listed(context, &Cache::default(), voxels).unwrap();
+    let read = ListedSplats::read(context, &lists).unwrap();
     // Without the place, the light follows three words.
     read.splats().flatten().map(|(_, words)| of_words(words[LIT_WORDS - 1], words[LIT_WORDS])).collect()
 }
 
-/// Returns the visible voxels as lists of splats.
-fn listed(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Drawable {
-    classified(context, &Layers::of_volume(volume, transfer), Some(Normals::default()), &Progress::default()).unwrap()
+/// Returns the visible voxels.
+fn voxels(context: &Context, volume: &Volume, transfer: &TransferFunction) -> Arc<Voxels> {
+    let layers = Layers::of_volume(volume, transfer);
+    classified(context, &layers, Some(Normals::default()), &Progress::default()).unwrap().0
 }
 
 /// Makes a volume of a lattice from the values at its points.
@@ -151,12 +155,11 @@ fn light_of_device_and_host(bodies: usize, step: usize) {
             let (wide, kernel) = kernels[if number < 6 { 0 } else { number % 3 }];
             for clip in [Clip::default(), clip.clone()] {
                 let shadows = shadows(volume, lighting, kernel, &clip);
-                let made = listed(&context, volume, transfer);
-                let stores = (made.stores.as_slice(), false);
+                let made = voxels(&context, volume, transfer);
                 let (of, occluders) = ((&context, &pipelines), Occluders::default());
-                let device = shaded(of, stores, None, &occluders, &shadows, &progress).unwrap().unwrap();
+                let device = shaded(of, (&made, false), None, &occluders, &shadows, &progress).unwrap().unwrap();
                 let device = shares(&context, &device);
-                let host = light_on_host::shaded(&context, &made.stores, &shadows, &progress).unwrap();
+                let host = light_on_host::shaded(of, &made, &shadows, &progress).unwrap();
                 let host = shares(&context, &host);
                 assert!(host.len() > 1000 && host.len() == device.len(), "{name}: {} splats", host.len());
                 let differences: Vec<f64> = host
@@ -194,7 +197,7 @@ fn device_keeps_the_light_that_stays() {
     let context = Context::new(Some(&adapter())).unwrap();
     let (pipelines, progress) = (Cache::default(), Progress::default());
     let (_, volume, transfer) = &bodies()[0];
-    let made = listed(&context, volume, transfer);
+    let made = voxels(&context, volume, transfer);
     let lighting = |towards: DVec3| Lighting {
         lights: vec![Light::directional(DVec3::new(0.3, -0.5, 1.0)), Light::directional(towards)],
         shadows: 1.0,
@@ -204,13 +207,13 @@ fn device_keeps_the_light_that_stays() {
     let [first, second] = [DVec3::new(1.0, 0.2, 0.1), DVec3::new(-1.0, 0.3, -0.4)]
         .map(|towards| shadows(volume, &lighting(towards), Kernel::default(), &Clip::default()));
     let (of, occluders) = ((&context, &pipelines), Occluders::default());
-    let run = |stores: (&[Store], bool), held: Option<&Shadows>, shadows: &Shadows| {
-        shaded(of, stores, held, &occluders, shadows, &progress).unwrap().unwrap()
+    let run = |voxels: (&Voxels, bool), held: Option<&Shadows>, shadows: &Shadows| {
+        shaded(of, voxels, held, &occluders, shadows, &progress).unwrap().unwrap()
     };
-    let before = run((&made.stores, false), None, &first);
+    let before = run((&made, false), None, &first);
     let waits = context.traffic().waits;
     let turned = run((&before, false), Some(&first), &second);
-    let anew = run((&made.stores, false), None, &second);
+    let anew = run((&made, false), None, &second);
     let over = run((&before, true), Some(&first), &second);
     let none = shadows(volume, &Lighting { shadows: 0.0, ..lighting(DVec3::X) }, Kernel::default(), &Clip::default());
     let without = run((&turned, false), Some(&second), &none);
@@ -222,7 +225,7 @@ fn device_keeps_the_light_that_stays() {
     assert!(shares(&context, &before) == expected);
     let without = shares(&context, &without);
     assert!(without.iter().zip(&expected).all(|(a, b)| a[..3] == [65_535; 3] && a[3] == b[3]));
-    assert!(Arc::new(made).stores.iter().all(|store| store.stride == 16));
+    assert!(listed(&context, &pipelines, &made).unwrap().iter().all(|store| store.stride == 16));
 }
 
 /// The matter of scalars that casts shadows, isosurfaces too, is the same from samples on the device as from lists on
@@ -305,7 +308,8 @@ fn device_finds_the_occluders_of_the_host() {
             let (mut worst, mut matter) = (0.0_f32, 0);
             let surfaces = transfer.isosurfaces();
             let scalars = LitScalars { grid: &grid, transfer, reduction: &reduction, table: &table, unit, surfaces };
-            let read = ListedSplats::read(&context, &listed.stores).unwrap();
+            let lists = listed.lists(&context, &pipelines).unwrap();
+            let read = ListedSplats::read(&context, &lists).unwrap();
             for (point, words) in read.splats().flatten() {
                 let expected = if shadows.casts(point) { scalars.density(words) } else { 0.0 };
                 let [px, py, pz] = [0, 1, 2].map(|axis| (point[axis] as i64 - plans.low()[axis]) as usize);

@@ -1,5 +1,6 @@
 //! Splats of a brick on the host: rows of places, and the words of the splats.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::words::{LANES, SplatRun};
@@ -133,6 +134,16 @@ impl HostBrick {
         words.iter().copied().step_by(row.bits.count_ones() as usize).take(self.each)
     }
 
+    /// Returns some words of each splat, splat after splat.
+    pub(crate) fn columns(&self, of: Range<usize>) -> Result<Vec<u32>> {
+        let mut columns = reserved(u64::from(self.count()) * of.len() as u64, || "splats of a brick".to_owned())?;
+        for &row in self.rows.iter() {
+            (0..row.bits.count_ones() as usize)
+                .for_each(|splat| columns.extend(self.words(row, splat).skip(of.start).take(of.len())));
+        }
+        Ok(columns)
+    }
+
     pub(crate) fn count(&self) -> u32 {
         self.rows.last().map_or(0, |row| row.first + row.bits.count_ones())
     }
@@ -154,6 +165,16 @@ impl HostBrick {
     pub(crate) fn bytes(&self) -> u64 {
         (size_of_val(self.rows.as_slice()) + size_of_val(self.words.as_slice())) as u64
     }
+}
+
+/// Returns the first lattice point of the box around the splats of bricks, and its size; one voxel if there are none.
+pub(crate) fn bounds_of<'a>(bricks: impl Iterator<Item = &'a BrickSplats>) -> [[usize; 3]; 2] {
+    let filled = bricks.map(|brick| brick.bounds).filter(|[low, high]| low != high);
+    let bounds = filled.reduce(|[low, high], bounds| {
+        [[0, 1, 2].map(|a| low[a].min(bounds[0][a])), [0, 1, 2].map(|a| high[a].max(bounds[1][a]))]
+    });
+    let [low, high] = bounds.unwrap_or([[0; 3], [1; 3]]).map(|point| point.map(|n| n as usize));
+    [low, [0, 1, 2].map(|a| high[a] - low[a])]
 }
 
 /// Returns the numbers of the bits that are set, ascending.

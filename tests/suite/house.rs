@@ -206,9 +206,9 @@ const LINES: [(&str, usize); 29] = [
     ("crates/cli", 6401),
     ("crates/volume", 13286),
     ("engine", 151),
-    ("error", 144),
+    ("error", 146),
     ("frame", 67),
-    ("gpu", 5380),
+    ("gpu", 5018),
     ("host", 4818),
     ("image", 2207),
     ("kernel", 984),
@@ -216,21 +216,21 @@ const LINES: [(&str, usize); 29] = [
     ("lib", 67),
     ("lighting", 2870),
     ("output", 137),
-    ("painters", 3274),
-    ("prepare", 2320),
+    ("painters", 3168),
+    ("prepare", 2253),
     ("progress", 34),
     ("python", 1636),
     ("reference", 2290),
-    ("renderer", 399),
+    ("renderer", 404),
     ("settings", 479),
     ("solids", 496),
-    ("splats", 736),
+    ("splats", 753),
     ("stats", 344),
     ("transfer", 2002),
     ("vectors", 20),
 ];
 /// The same of all shaders, and the number of their files.
-const SHADERS: [usize; 2] = [4557, 75];
+const SHADERS: [usize; 2] = [4378, 71];
 
 /// The folders of the crates.
 const CRATES: [&str; 4] = ["", "crates/cli", "crates/volume", "python"];

@@ -24,6 +24,7 @@ pub(crate) const ROOM: Room = Room {
     // The need is the same in both precisions.
     need: |view, settings, weights| Plan::new(view, settings, weights, Precision::F32).scalar_need(),
     layers: false,
+    lists: true,
     begin: |job, _| Ok(Begun::Ready(Box::new(QuadsPicture::new(job)?))),
 };
 
@@ -80,7 +81,7 @@ impl<'a> QuadsPicture<'a> {
         }
         let key = QuadsKey { feed, precision, sheets_per_pass, terminates: view.terminates(), constants };
         let bounds = view.projected_bounds();
-        let fragments = bounds.map_or(0.0, |region| plan.fragments(job.stores, region, key.sheets_per_pass));
+        let fragments = bounds.map_or(0.0, |region| plan.fragments(job.lists, region, key.sheets_per_pass));
         let most = job.most_fragments;
         if fragments > most {
             let what = format!("quads would cover {fragments:.0e} pixels, at most {most:.0e} are drawn");
@@ -113,14 +114,14 @@ impl Painting for QuadsPicture<'_> {
     /// Paints the whole region: a splat is hidden if all pixels that it covers are opaque, within the part or not.
     fn paint(&mut self, recorder: &mut Recorder<'_>, region: Region, _part: Region) -> Result<wgpu::Buffer> {
         let quads = self.pipelines()?;
-        let Job { context, pipelines, stores, post, .. } = self.job;
+        let Job { context, pipelines, lists, post, .. } = self.job;
         let solids = self.job.solid_depths(region)?;
         let inputs = Inputs { footprint: &self.footprint, lighting: self.job.lighting(), post, solids: &solids };
         let (plan, per_pass) = (&self.plan, self.key.sheets_per_pass);
         let frame = context.upload("frame", bytemuck::bytes_of(&plan.frame(region)), wgpu::BufferUsages::UNIFORM)?;
         let target = Target { plan, region, frame: &frame };
-        let spans = quads.sorter.run(recorder, &*Scan::of(pipelines, context)?, target, per_pass, stores)?;
-        let covered = plan.covered(stores, region, per_pass);
+        let spans = quads.sorter.run(recorder, &*Scan::of(pipelines, context)?, target, per_pass, lists)?;
+        let covered = plan.covered(lists, region, per_pass);
         self.parts += 1;
         quads.draw(recorder, target, &inputs, &spans, &covered, &mut self.drawn)
     }

@@ -31,7 +31,6 @@ pub(crate) struct Sorter {
 #[derive(Debug, Clone)]
 pub(crate) struct Piece<'a> {
     store: &'a Store,
-    splats: wgpu::Buffer,
     /// The first splat of the run, a multiple of the alignment of storage bindings.
     first: u32,
     count: u32,
@@ -41,7 +40,7 @@ impl<'a> Piece<'a> {
     /// Binds the splats of the piece.
     pub(crate) fn splats(&self) -> wgpu::BindingResource<'_> {
         let stride = self.store.stride;
-        buffer_range(&self.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
+        buffer_range(&self.store.splats, u64::from(self.first) * stride, u64::from(self.count) * stride)
     }
 
     /// Returns the part of a run of the store's splats that is in the piece, counted from the piece's first splat.
@@ -101,8 +100,7 @@ impl Sorter {
             let runs = target.plan.in_view(store, target.region);
             for first in (0..u64::from(store.count)).step_by(most as usize) {
                 let count = most.min(u64::from(store.count) - first);
-                let splats = store.on_device(context)?;
-                let piece = Piece { store, splats, first: first as u32, count: count as u32 };
+                let piece = Piece { store, first: first as u32, count: count as u32 };
                 let runs: Vec<_> = runs.iter().filter_map(|run| piece.part(run)).collect();
                 if !runs.is_empty() {
                     spans.push(self.span(recorder, scan, target, sheets, piece, &runs)?);

@@ -11,7 +11,7 @@ use crate::painters::painter::{Begun, Job, Painting, Room};
 use crate::stats::{PainterStats, TilesStats};
 
 /// The painter `tiles`: fast, but it refuses some pictures.
-pub(crate) const ROOM: Room = Room { refusal, reach, families, need, layers: true, begin };
+pub(crate) const ROOM: Room = Room { refusal, reach, families, need, layers: true, lists: false, begin };
 
 fn begin<'a>(nearest: Job<'a>, behind: Vec<Job<'a>>) -> Result<Begun<'a>> {
     let jobs = std::iter::once(nearest).chain(behind);

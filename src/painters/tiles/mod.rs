@@ -28,8 +28,8 @@
 //!
 //! # Stages
 //!
-//! - `pack` (shaders `pack`, `pack_samples`, `pack_scalars` or `pack_cells` with a file of `packed/`; `page_table`;
-//!   files in `pack/`) writes splats or samples into a texture of voxels. It marks cells of 2^3 voxels, a byte for each
+//! - `pack` (shaders `pack_samples`, `pack_scalars` or `pack_cells` with a file of `packed/`; `page_table`; files in
+//!   `pack/`) writes visible voxels or scalars into a texture of voxels. It marks cells of 2^3 voxels, a byte for each
 //!   macrocell of 4^3: cells with splats, or of scalars the cells near a visible scalar. It packs again only if the
 //!   transfer function or the light on lit voxels changes.
 //! - `skip` (`march.rs`) finds for each tile of 8 x 8 rays the runs of voxel planes with marked cells, by a workgroup
@@ -82,7 +82,7 @@ use std::sync::Arc;
 
 use axis::PrincipalAxis;
 use march::{MarchTargets, march};
-use pack::{Packed, Packer, SamplesKey, TextureLayout, Voxel};
+use pack::{PackableKey, Packed, Packer, TextureLayout, Voxel};
 use paint::TilesPicture;
 
 use crate::error::Result;
@@ -120,15 +120,16 @@ pub(crate) struct TilesKey {
     voxel: Voxel,
     layout: TextureLayout,
     rays: RayKind,
-    /// The samples that are packed in place of lists of splats.
-    samples: Option<SamplesKey>,
+    /// The form of the voxels that are packed; `None`: there are none.
+    source: Option<PackableKey>,
     /// The override constants of all shaders.
     constants: Vec<Constant>,
 }
 
 /// The pipelines of the painter `tiles`.
 pub(crate) struct Tiles {
-    packer: Packer,
+    /// `None`: there are no voxels.
+    packer: Option<Packer>,
     skip: Stage,
     gather: Stage,
 }
@@ -136,8 +137,8 @@ pub(crate) struct Tiles {
 impl Tiles {
     pub(crate) fn new(context: &Context, key: &TilesKey) -> Result<Self> {
         let rest = || {
-            let packer = Packer::new(context, &key.constants, (key.voxel, key.layout), key.samples);
-            (packer, march::skip(context, &key.constants))
+            let packer = |source| Packer::new(context, &key.constants, (key.voxel, key.layout), source);
+            (key.source.map(packer), march::skip(context, &key.constants))
         };
         let (gather, (packer, skip)) = both(context, || march::gather(context, key), rest)?;
         Ok(Self { packer, skip, gather })

@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::axis::PrincipalAxis;
-use super::pack::{self, Marking, Packed, Packing, Samples, Source, TextureLayout, Voxel};
+use super::pack::{self, Marking, Packable, Packed, Packing, TextureLayout, Voxel};
 use super::parts::{Footprint, KernelSections, SlabKind};
 use super::rays::{RaySetup, max_depth};
 use super::{MAX_RADIUS, MAX_STRAIGHT_RADIUS, RayKind, RegionPixels, STRAIGHT, Tiles, TilesKey};
@@ -143,8 +143,8 @@ pub(super) struct TilesPicture<'a> {
     kind: SlabKind,
     voxel: Voxel,
     layout: TextureLayout,
-    /// The samples that are packed in place of lists of splats.
-    samples: Option<Samples>,
+    /// The voxels that are packed; `None`: there are none, and nothing is drawn.
+    source: Option<Packable>,
     pub(super) lighting: layout::Lighting,
     /// The principal axes of the picture, the one with the largest share first.
     pub(super) axes: Vec<PackedAxis>,
@@ -165,11 +165,18 @@ impl<'a> TilesPicture<'a> {
     /// Plans a picture. An error is the reason for a refusal: the volume does not fit into a texture, or the kernel's
     /// footprint is no polynomial.
     pub(super) fn new(job: Job<'a>) -> std::result::Result<Self, String> {
-        let Job { context, view, settings, stores, post, .. } = job;
+        let Job { context, view, settings, post, .. } = job;
         if settings.is_post_shaded() && job.weights.max > MAX_SCALAR && job.isosurfaces() == 0 {
             return Err(
                 "tiles does not draw values far beyond all visible ones: parts of kernels are fitted, and a small \
                  part of such a value would show"
+                    .to_owned(),
+            );
+        }
+        if job.is_outgrown {
+            return Err(
+                "tiles has no room for the samples of this volume: draw bricks (voxsplat plan), or use cpu or \
+                        quads"
                     .to_owned(),
             );
         }
@@ -196,14 +203,13 @@ impl<'a> TilesPicture<'a> {
             .map(|held| held.lock().unwrap_or_else(PoisonError::into_inner).clone())
             .unwrap_or_default();
         // The splats of all bricks serve every eye and every clip, and to pack anew is to allocate a gigabyte.
-        let samples = Samples::of(&job, voxel);
-        let pages = if job.scalars.is_none() { pack::occupied(stores) } else { None };
+        let source = Packable::of(&job);
+        let pages = source.as_ref().and_then(pack::occupied);
         let pack = |axis: &PrincipalAxis| {
-            let boxes = pack::boxes(stores).chain(job.scalars.map(|(scalars, _)| scalars.bounds));
+            let boxes = source.iter().flat_map(Packable::boxes);
             let packing = Packing::new(context, boxes, (dims, whole), pages, axis.axes, (voxel, marking))?;
-            // Samples are packed over those under another transfer function.
-            let held = earlier.first().filter(|_| samples.is_some());
-            Some(held.and_then(|held| packing.in_box_of(&held.packing)).unwrap_or(packing))
+            // Voxels are packed over those under another transfer function.
+            Some(earlier.first().and_then(|held| packing.in_box_of(&held.packing)).unwrap_or(packing))
         };
         let packings: Option<Vec<Packing>> = axes.iter().map(pack).collect();
         let packings = packings.ok_or("tiles packs the volume into a texture, and this volume does not fit")?;
@@ -219,7 +225,7 @@ impl<'a> TilesPicture<'a> {
         let (axes, lighting) = (axes.collect(), job.lighting());
         let drawn = TilesStats::default();
         let (sections, packed) = (Vec::new(), None);
-        Ok(Self { job, kernel, footprint, kind, voxel, layout, samples, lighting, axes, sections, packed, drawn })
+        Ok(Self { job, kernel, footprint, kind, voxel, layout, source, lighting, axes, sections, packed, drawn })
     }
 
     fn key(&self) -> TilesKey {
@@ -242,7 +248,7 @@ impl<'a> TilesPicture<'a> {
             voxel: self.voxel,
             layout: self.layout,
             rays,
-            samples: self.samples.as_ref().map(Samples::key),
+            source: self.source.as_ref().map(Packable::key),
             constants,
         }
     }
@@ -294,21 +300,22 @@ impl<'a> TilesPicture<'a> {
 
     /// Returns the packed splats for each axis: packed for an earlier picture of the scene, or now.
     fn pack(&self, recorder: &mut Recorder<'_>, pipelines: &Tiles) -> Result<Vec<Arc<Packed>>> {
-        let Job { view, settings, stores, weights, .. } = self.job;
+        let Job { view, settings, weights, .. } = self.job;
         let light = view.splat_light(settings);
         let held = kept_volumes(&self.job)?;
         let mut held = held.lock().unwrap_or_else(PoisonError::into_inner);
         let packed_light = self.voxel.is_lit().then_some(&light);
-        let source = Source::of(&self.job);
+        let (Some(source), Some(packer)) = (&self.source, &pipelines.packer) else { return Ok(Vec::new()) };
         let is_same = |packed: &Arc<Packed>| {
             let is_served = self.axes.iter().any(|axis| packed.serves(axis.packing, source));
-            is_served && packed.light.as_ref() == packed_light && packed.source == source
+            is_served && packed.light.as_ref() == packed_light
         };
         let (reusable, spare): (Vec<_>, Vec<_>) = held.drain(..).partition(is_same);
         // Drop unusable packings first, so that old and new are never in memory together. Others are packed over:
         // textures that exist are not cleared first.
-        let whole = self.samples.is_some();
-        let has_room = |packed: &Packed, axis: &PackedAxis| packed.has_room_for(axis.packing, source, whole);
+        let has_room = |packed: &Packed, axis: &PackedAxis| {
+            packed.serves(axis.packing, source) || packed.has_room_for(axis.packing)
+        };
         let spare = spare.into_iter().filter_map(Arc::into_inner);
         let mut spare: Vec<Packed> =
             spare.filter(|packed| self.axes.iter().any(|axis| has_room(packed, axis))).collect();
@@ -319,14 +326,8 @@ impl<'a> TilesPicture<'a> {
                 Some(packed) => packed,
                 None => {
                     let over = spare.iter().position(|packed| has_room(packed, axis)).map(|i| spare.swap_remove(i));
-                    Arc::new(axis.packing.stored().pack(
-                        recorder,
-                        (&pipelines.packer, self.samples.as_ref()),
-                        (stores, source),
-                        &light,
-                        weights.max,
-                        over,
-                    )?)
+                    let stored = axis.packing.stored();
+                    Arc::new(stored.pack(recorder, (packer, source), &light, weights.max, over)?)
                 }
             });
         }
@@ -361,7 +362,7 @@ fn kept_volumes(job: &Job<'_>) -> Result<Arc<Mutex<Vec<Arc<Packed>>>>> {
 impl TilesPicture<'_> {
     /// Returns whether no matter can be visible.
     pub(super) fn is_empty(&self) -> bool {
-        self.axes.is_empty() || self.job.splats() == 0 && !self.job.base_shows()
+        self.axes.is_empty() || self.source.is_none() || self.job.splats() == 0 && !self.job.base_shows()
     }
 
     /// Returns the bytes on the device for each pixel; see

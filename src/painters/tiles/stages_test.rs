@@ -1,34 +1,42 @@
 //! pack and skip on the device, against plain twins.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 use glam::{DVec2, DVec3};
 use half::f16;
 
 use super::axis::PrincipalAxis;
 use super::march::{find_runs, skip};
-use super::pack::{Marking, Packed, Packer, Packing, Voxel, boxes};
+use super::pack::{Marking, Packable, Packed, Packer, Packing, Voxel};
 use super::parts::Footprint;
 use super::rays::RaySetup;
 use crate::camera::{Camera, ProjectionKind, View};
 use crate::gpu::adapter_test::adapter;
 use crate::gpu::cache::Cache;
 use crate::gpu::context::Context;
-use crate::gpu::layout::{self, CELL, Lighting, MACROCELL, Splat, TILE, packed_gradient};
+use crate::gpu::held_samples::HeldSamples;
+use crate::gpu::layout::{self, CELL, Lighting, MACROCELL, Splat, TILE};
 use crate::gpu::pipeline::{Binding, bind, compute, layout as group_layout, texture_view};
 use crate::gpu::recorder::Recorder;
+use crate::gpu::sampled_scalars::SampledScalars;
+use crate::gpu::samples::Input;
 use crate::gpu::savings::Savings;
 use crate::gpu::splat::{SplatLight, ToEye};
 use crate::gpu::stage::Constant;
-use crate::gpu::store::{Splats, Store};
 use crate::gpu::twins_test as twins;
 use crate::gpu::view::{ViewGeometry, Weights};
+use crate::gpu::voxels::Voxels;
 use crate::image::Region;
-use crate::kernel::Kernel;
+use crate::kernel::{Kernel, Slopes};
+use crate::lighting::Normals;
 use crate::painters::painter::{Depths, Job};
+use crate::progress::Progress;
 use crate::settings::Settings;
-use crate::splats::brick::BrickSplats;
-use crate::volume::Grid;
+use crate::splats::brick::MadeBrick;
+use crate::transfer::scalars::Reduction;
+use crate::transfer::{ControlPoint, TransferFunction};
+use crate::volume::{Grid, Volume};
 
 fn context() -> Context {
     Context::new(Some(&adapter())).unwrap()
@@ -79,30 +87,40 @@ fn points() -> BTreeSet<[u32; 3]> {
     all.filter(|&p| ball(p) || [[43, 3, 18], [32, 31, 3], [33, 31, 3], [31, 32, 19]].contains(&p)).collect()
 }
 
-/// Makes a store of the points, brick after brick; `words` returns the words of a splat after its place.
-fn store<const N: usize>(context: &Context, words: impl Fn([u32; 3]) -> [u32; N]) -> Store {
-    let (mut splats, mut bricks): (Vec<u32>, Vec<BrickSplats>) = (Vec::new(), Vec::new());
+/// Returns the points as voxels on the device; `words` returns the words of a voxel. Lit ones have normals.
+fn voxels(context: &Context, lit: bool, words: impl Fn([u32; 3]) -> [u32; 3]) -> Packable {
     // In the order of the lattice, x fastest.
     let mut all: Vec<[u32; 3]> = points().into_iter().collect();
     all.sort_by_key(|&[x, y, z]| [z, y, x]);
-    for (bx, by) in [(0, 0), (32, 0), (0, 32), (32, 32)] {
+    let brick = |(bx, by)| {
         let inside = |p: &[u32; 3]| p[0] / 32 * 32 == bx && p[1] / 32 * 32 == by;
         let rows = (0..32_u32).flat_map(|z| (0..32_u32).map(move |y| (y, z)));
         let bits = rows.map(|(y, z)| {
             let row = all.iter().filter(|p| inside(p) && p[1] == by + y && p[2] == z);
-            row.fold(0, |bits, p| bits | 1 << (p[0] - bx))
+            row.fold(0_u32, |bits, p| bits | 1_u32 << (p[0] - bx))
         });
-        let number = bricks.len() as u32;
-        bricks.push(BrickSplats::new([bx, by, 0], splats.len() as u32 / (N as u32 + 1), bits));
-        for p in all.iter().copied().filter(inside) {
-            splats.push(layout::place([p[0] - bx, p[1] - by, p[2]], number));
-            splats.extend(words(p));
-        }
-    }
-    let count = splats.len() as u32 / (N as u32 + 1);
-    let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
-    let buffer = context.upload("test.splats", bytemuck::cast_slice(&splats), usage).unwrap();
-    Store::new(context, (Splats::Listed(buffer), None), 4 * (N as u64 + 1), count, bricks).unwrap()
+        let words = all.iter().copied().filter(inside).flat_map(&words).collect();
+        MadeBrick::new([bx, by, 0], &bits.collect::<Vec<u32>>(), 3, words)
+    };
+    let bricks: Vec<MadeBrick> = [(0, 0), (32, 0), (0, 32), (32, 32)].map(brick).into();
+    let lit = lit.then(Normals::default);
+    Packable::Voxels(Voxels::send(context, DIMS, &bricks, lit).unwrap())
+}
+
+/// Returns the scalars of the points as samples on the device, 0 elsewhere; with gradients for lit pictures.
+fn scalars(context: &Context, gradients: bool) -> Packable {
+    let all = (0..DIMS.into_iter().product()).map(|i| [i % DIMS[0], i / DIMS[0] % DIMS[1], i / (DIMS[0] * DIMS[1])]);
+    let volume = Volume::from_slice(DIMS, [1.0; 3], &all.map(shown_scalars()).collect::<Vec<f32>>()).unwrap();
+    let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
+    let transfer = TransferFunction::new(vec![point(0.0, 0.0), point(1.0, 0.5)], None).unwrap();
+    let reduction = Reduction::new(&transfer, 1.0);
+    assert_eq!([reduction.base(), reduction.factor()], [0.0, 1.0]);
+    let progress = Progress::default();
+    let input = Input::of_scalars(context, &volume, (&transfer, reduction), gradients, &progress);
+    let (part, held) = ((0, [[0; 3], DIMS]), HeldSamples::default());
+    let of = (&input, &Cache::default());
+    let (made, _) = SampledScalars::new(of, &reduction, &held, part, (None, gradients)).unwrap();
+    Packable::Scalars(Arc::new(made), 0)
 }
 
 /// Returns the override constants of the packing of voxels under a light.
@@ -140,17 +158,17 @@ fn light(lights: u32, perspective: bool, points: bool) -> SplatLight {
     SplatLight { lighting, lights, points, to_eye: ToEye { perspective, eye: [20.0, 3.0, -60.0], view } }
 }
 
-/// Returns the packing of splats for rays along these axes.
-fn packing(context: &Context, stores: &[Store], axes: [usize; 3], voxel: Voxel) -> Packing {
-    Packing::new(context, boxes(stores), (DIMS, false), None, axes, (voxel, marking(voxel))).unwrap()
+/// Returns the packing of voxels for rays along these axes.
+fn packing(context: &Context, source: &Packable, axes: [usize; 3], voxel: Voxel) -> Packing {
+    Packing::new(context, source.boxes(), (DIMS, false), None, axes, (voxel, marking(voxel))).unwrap()
 }
 
-/// Packs splats for rays along every axis.
-fn packed(context: &Context, stores: &[Store], voxel: Voxel, light: &SplatLight, max_weight: f64) -> Packed {
-    let packing = packing(context, stores, [0, 1, 2], voxel).stored();
-    let packer = Packer::new(context, &constants(voxel, light), (voxel, packing.layout), None);
+/// Packs voxels for rays along every axis.
+fn packed(context: &Context, source: &Packable, voxel: Voxel, light: &SplatLight, max_weight: f64) -> Packed {
+    let packing = packing(context, source, [0, 1, 2], voxel).stored();
+    let packer = Packer::new(context, &constants(voxel, light), (voxel, packing.layout), source.key());
     let mut recorder = Recorder::untimed(context);
-    let packed = packing.pack(&mut recorder, (&packer, None), (stores, None), light, max_weight, None).unwrap();
+    let packed = packing.pack(&mut recorder, (&packer, source), light, max_weight, None).unwrap();
     recorder.submit();
     packed
 }
@@ -162,7 +180,7 @@ fn a_scan_of_512_fits_into_the_textures_of_every_gpu() {
     context.limits.max_texture_dimension_3d = 2048;
     for voxel in [PLAIN, Voxel::Scalar, Voxel::Gradient] {
         let packing = |context: &Context, dims| {
-            Packing::new(context, boxes(&[]), (dims, true), None, [0, 1, 2], (voxel, marking(voxel)))
+            Packing::new(context, std::iter::empty(), (dims, true), None, [0, 1, 2], (voxel, marking(voxel)))
         };
         let fits = |dims| packing(&context, dims).is_some();
         assert!(fits([512; 3]) && fits([1024, 512, 200]), "{voxel:?}");
@@ -211,11 +229,11 @@ fn words_of(point: [u32; 3]) -> [u32; 3] {
 #[test]
 fn voxels_are_packed_where_rays_look_for_them() {
     let context = context();
-    let (stores, shown) = ([store(&context, words_of)], points());
-    let packed = packed(&context, &stores, PLAIN, &light(0, false, false), 3.0);
+    let (source, shown) = (voxels(&context, false, words_of), points());
+    let packed = packed(&context, &source, PLAIN, &light(0, false, false), 3.0);
     let volume = read_volume(&context, &packed);
     for axes in ORDERS {
-        let packing = packing(&context, &stores, axes, PLAIN);
+        let packing = packing(&context, &source, axes, PLAIN);
         assert_eq!(packing.stored(), packed.packing);
         let mut found = 0;
         for (place, point) in places(packing) {
@@ -254,10 +272,10 @@ fn colors_are_lit_as_by_the_twin() {
         let [x, y, z] = point;
         [density_blue, color, x.wrapping_mul(0x9e37_79b9) ^ y << 9 ^ z << 21]
     };
-    let stores = [store(&context, words_of)];
+    let source = voxels(&context, true, words_of);
     for (lights, perspective, at_place) in [(1, false, false), (4, false, true), (4, true, false)] {
         let (voxel, light) = (Voxel::Color { lights, shadows: false }, light(lights, perspective, at_place));
-        let packed = packed(&context, &stores, voxel, &light, 30.0);
+        let packed = packed(&context, &source, voxel, &light, 30.0);
         let volume = read_volume(&context, &packed);
         let shown = points();
         for (place, point) in places(packed.packing).filter(|(_, point)| shown.contains(point)) {
@@ -327,51 +345,42 @@ fn scalar_of([x, y, z]: [u32; 3]) -> f32 {
     0.25 * x as f32 - 0.5 * y as f32 + 0.125 * (z * z) as f32
 }
 
-/// Returns gradients from large to small, with either sign, and 0 in some places.
-fn gradient_of([x, y, z]: [u32; 3]) -> [f32; 3] {
-    let size = (0.5 * f64::from((x + y + z) % 20) - 8.0).exp2() as f32;
-    [(x % 5) as f32 - 2.0, 1.0 - (y % 3) as f32, 0.37 * (z % 4) as f32 - 0.37].map(|c| c * size)
+/// Returns the scalars of voxels: 0 at places that are no points.
+fn shown_scalars() -> impl Fn([u32; 3]) -> f32 {
+    let shown = points();
+    move |point| if shown.contains(&point) { scalar_of(point) } else { 0.0 }
 }
 
+/// Gradients are those of the filter of the host, of the voxels around; beyond a face of the outermost ones.
 #[test]
 fn scalars_keep_their_bits_and_gradients_half_of_them() {
-    let (context, shown, unlit) = (context(), points(), light(0, false, false));
-    let marks = |stores: &[Store], packed: &Packed| {
-        for axes in ORDERS {
-            assert_marks(&context, packed, packing(&context, stores, axes, packed.packing.voxel));
+    let (context, unlit, shown_scalar) = (context(), light(0, false, false), shown_scalars());
+    for voxel in [Voxel::Scalar, Voxel::Gradient] {
+        let has_gradients = voxel == Voxel::Gradient;
+        let source = scalars(&context, has_gradients);
+        let packed = packed(&context, &source, voxel, &unlit, 30.0);
+        let volume = read_volume(&context, &packed);
+        let slopes = Slopes::of_cells(1.0);
+        for (place, point) in places(packed.packing) {
+            let words = voxel_words(packed.packing, &volume, place);
+            let scalar = shown_scalar(point);
+            if !has_gradients {
+                assert_eq!(words[0], scalar.to_bits(), "{point:?}");
+                continue;
+            }
+            let beside = |axis: usize, step: u32| (point[axis] + step).clamp(1, DIMS[axis]) - 1;
+            let around: Vec<f32> =
+                (0..27).map(|i| shown_scalar([beside(0, i % 3), beside(1, i / 3 % 3), beside(2, i / 9)])).collect();
+            let [x, y, z] = slopes.gradient(&around, 13, 3);
+            for (got, expected) in halves(words).into_iter().zip([x, y, z, scalar].map(f64::from)) {
+                let expected = expected * packed.scale;
+                // 11 bits, and the rounding of the f32 before them.
+                let allowed = expected.abs() * (0.5 / 1024.0) + 1e-4 * packed.scale;
+                assert!((got - expected).abs() <= allowed, "{point:?}: {got} for {expected}");
+            }
         }
-    };
-    let stores = [store(&context, |p| [scalar_of(p).to_bits()])];
-    let scalars = packed(&context, &stores, Voxel::Scalar, &unlit, 30.0);
-    let volume = read_volume(&context, &scalars);
-    for (place, point) in places(scalars.packing) {
-        let [got, _] = voxel_words(scalars.packing, &volume, place);
-        let expected = if shown.contains(&point) { scalar_of(point).to_bits() } else { 0 };
-        assert_eq!(got, expected, "{point:?}");
+        ORDERS.iter().for_each(|axes| assert_marks(&context, &packed, packing(&context, &source, *axes, voxel)));
     }
-    marks(&stores, &scalars);
-    let words_of = |p| {
-        let [low, high] = packed_gradient(gradient_of(p));
-        [scalar_of(p).to_bits(), low, high]
-    };
-    let stores = [store(&context, words_of)];
-    let vectors = packed(&context, &stores, Voxel::Gradient, &unlit, 30.0);
-    let volume = read_volume(&context, &vectors);
-    for (place, point) in places(vectors.packing) {
-        let [x, y, z] = gradient_of(point);
-        let mut expected = [x, y, z, scalar_of(point)].map(f64::from);
-        if !shown.contains(&point) {
-            expected = [0.0; 4];
-        }
-        let largest = expected[..3].iter().fold(0.0_f64, |largest, c| largest.max(c.abs())) * vectors.scale;
-        let got = halves(voxel_words(vectors.packing, &volume, place));
-        for (got, expected) in got.into_iter().zip(expected.map(|v| v * vectors.scale)) {
-            // 11 bits, and 18 of the largest component of a gradient.
-            let allowed = expected.abs() * (0.5 / 1024.0 + 1e-6) + largest * 8e-6;
-            assert!((got - expected).abs() <= allowed, "{point:?}: {got} for {expected}");
-        }
-    }
-    marks(&stores, &vectors);
 }
 
 // ---------------------------------------------------------------------------------------------------------------------
@@ -417,8 +426,8 @@ fn rays_meet_no_voxel_between_runs() {
     let kernel = Kernel::default();
     let footprint = &Footprint::new(&kernel).unwrap();
     let settings = Settings { antialiasing: false, ..Settings::default() };
-    let (stores, shown) = ([store(&context, words_of)], points());
-    let packed = packed(&context, &stores, PLAIN, &light(0, false, false), 3.0);
+    let (source, shown) = (voxels(&context, false, words_of), points());
+    let packed = packed(&context, &source, PLAIN, &light(0, false, false), 3.0);
     let size = [90, 70];
     let region = Region { x: 0, y: 0, width: size[0], height: size[1] };
     let (mut planes_in_runs, mut planes_of_tiles) = (0, 0);
@@ -440,8 +449,10 @@ fn rays_meet_no_voxel_between_runs() {
                 kept: &Cache::default(),
                 view: &view,
                 settings: &settings,
-                stores: &[],
+                voxels: None,
+                lists: &[],
                 scalars: None,
+                is_outgrown: false,
                 weights: Weights { max: 0.1, unit: 1.0, brightest: [1.0; 3] },
                 post: None,
                 magnification: None,
@@ -449,7 +460,7 @@ fn rays_meet_no_voxel_between_runs() {
                 depths: Depths::default(),
                 most_fragments: f64::INFINITY,
             };
-            let packing = packing(&context, &stores, axis.axes, PLAIN);
+            let packing = packing(&context, &source, axis.axes, PLAIN);
             let uniforms = RaySetup { job: &job, axis, packing, kernel, footprint }.rays(region, region);
             let voxels: Vec<[u32; 3]> = places(packing).filter(|(_, p)| shown.contains(p)).map(|(at, _)| at).collect();
             let last = packing.dims[2] - 1;

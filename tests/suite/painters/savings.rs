@@ -76,13 +76,13 @@ fn only_what_a_scene_needs_is_made_and_sent() {
     let (volume, transfer) = balls();
     let pre = exact_quads();
     let post = Settings { shading: Shading::Post, ..pre.clone() };
-    // Pipelines: three of classification, two of the scan, three of the sort; one of splats and one that wipes sheets,
+    // Pipelines: three of classification, with light a fourth of normals, two of the scan, three of the sort; one of splats and one that wipes sheets,
     // one that composites or shades, one that resolves, and two of termination.
     let scenes = [
         (pre.clone(), 12),
         (Settings { termination: 0.01, ..pre.clone() }, 14),
         (Settings { model: Model::Xray, ..pre.clone() }, 12),
-        (Settings { lighting: headlight(), ..pre.clone() }, 12),
+        (Settings { lighting: headlight(), ..pre.clone() }, 13),
         (post.clone(), 8),
         (Settings { model: Model::Mip, ..pre.clone() }, 8),
         (Settings { model: Model::Average, ..pre.clone() }, 8),
@@ -95,9 +95,14 @@ fn only_what_a_scene_needs_is_made_and_sent() {
         let quads = *first.quads().unwrap();
         let splats = first.splats_kept + first.splats_padding;
         let bytes = if settings.is_post_shaded() { 8 } else { 16 };
-        // Also the places of bricks.
-        let places = first.scene_bytes - bytes * splats;
-        assert!((16..=16 * u64::from(first.bricks_uploaded)).contains(&places), "{settings:?}: {places}");
+        let bricks = u64::from(first.bricks_uploaded);
+        // Voxels that are classified have samples, 8 bytes for each row of a brick, and normals if there is light.
+        let normals = if settings.lighting.is_some() { 4 * splats } else { 0 };
+        let voxels = if settings.is_post_shaded() { 0 } else { first.bytes_uploaded + 8 * 1024 * bricks + normals };
+        // Also the places of bricks, and their numbers in the volume.
+        let places = first.scene_bytes - bytes * splats - voxels;
+        let most = 16 * bricks + 8 * u64::from(first.bricks) + 16;
+        assert!((16..=most).contains(&places), "{settings:?}: {places}");
         assert!(quads.passes <= u64::from(quads.batches));
         if settings.model == Model::Xray {
             assert_eq!((quads.sheets, quads.passes, quads.quads), (1, 1, splats));

@@ -1,10 +1,8 @@
-//! pack: from the splats of a scene to the texture that rays read. See shaders/common/packing.wgsl and
-//! shaders/pack.wgsl.
+//! pack: from the voxels of a scene to the texture that rays read. See shaders/common/packing.wgsl.
 
 mod device;
 mod pages;
 
-use device::Runs;
 pub(super) use pages::occupied;
 
 use std::sync::Arc;
@@ -14,15 +12,14 @@ use crate::gpu::context::Context;
 use crate::gpu::layout::MACROCELL;
 use crate::gpu::pipeline::Binding::{self, Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
-use crate::gpu::sampled::{Sampled, SampledKey};
 use crate::gpu::sampled_scalars::{SampledScalars, ScalarsKey};
 use crate::gpu::shaders;
 use crate::gpu::splat::SplatLight;
 use crate::gpu::stage::{Constant, Stage};
-use crate::gpu::store::Store;
+use crate::gpu::voxels::{Voxels, VoxelsKey};
 use crate::painters::painter::Job;
 use crate::painters::tiles::axis::unordered;
-use crate::splats::brick::PAGE;
+use crate::splats::brick::{BrickSplats, PAGE};
 
 /// The data that a packed voxel holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -263,56 +260,56 @@ impl Packing {
     }
 }
 
-/// Returns the boxes around the splats of bricks.
-pub(super) fn boxes(stores: &[Store]) -> impl Iterator<Item = [[u32; 3]; 2]> {
-    stores.iter().flat_map(Store::runs).map(|(brick, _)| brick.bounds)
+/// The voxels that a picture packs.
+pub(super) enum Packable {
+    /// Visible voxels, which are classified on the way if they are samples.
+    Voxels(Arc<Voxels>),
+    /// Scalars, and the number that distinguishes them from others.
+    Scalars(Arc<SampledScalars>, u64),
 }
 
-/// The identity of the splats of stores.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Source {
-    /// The [`Store::id`] of the first store.
-    id: u64,
-    /// The [`Store::places`] of the first store.
-    places: u64,
-}
-
-impl Source {
-    /// Returns the source of a picture; `None` if there are no splats. Samples have scalars everywhere.
-    pub(super) fn of(job: &Job<'_>) -> Option<Self> {
-        let listed = job.stores.first().map(|store| Self { id: store.id, places: store.places });
-        listed.or_else(|| job.scalars.map(|&(_, id)| Self { id, places: id }))
-    }
-}
-
-/// The samples that a picture packs in place of lists of splats.
-pub(super) enum Samples {
-    /// Samples of voxels, which are classified on the way.
-    Voxels(Arc<Sampled>),
-    Scalars(Arc<SampledScalars>),
-}
-
-/// The form in which the stage that packs samples reads them.
+/// The form in which the stage that packs voxels reads them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum SamplesKey {
-    Voxels(SampledKey),
+pub(super) enum PackableKey {
+    Voxels(VoxelsKey),
     Scalars(ScalarsKey),
 }
 
-impl Samples {
-    /// Returns the samples of a picture; `None`: it packs lists of splats.
-    pub(super) fn of(job: &Job<'_>, voxel: Voxel) -> Option<Self> {
-        match voxel {
-            Voxel::Color { .. } => Sampled::of(job.stores).map(Self::Voxels),
-            Voxel::Scalar | Voxel::Gradient => job.scalars.map(|(scalars, _)| Self::Scalars(Arc::clone(scalars))),
+impl Packable {
+    /// Returns the voxels of a picture; `None` if there are none.
+    pub(super) fn of(job: &Job<'_>) -> Option<Self> {
+        let voxels = job.voxels.map(|voxels| Self::Voxels(Arc::clone(voxels)));
+        voxels.or_else(|| job.scalars.map(|(scalars, id)| Self::Scalars(Arc::clone(scalars), *id)))
+    }
+
+    pub(super) fn key(&self) -> PackableKey {
+        match self {
+            Self::Voxels(voxels) => PackableKey::Voxels(voxels.key()),
+            Self::Scalars(scalars, _) => PackableKey::Scalars(scalars.key()),
         }
     }
 
-    pub(super) fn key(&self) -> SamplesKey {
+    /// Returns the number that distinguishes the voxels from others.
+    fn id(&self) -> u64 {
         match self {
-            Self::Voxels(sampled) => SamplesKey::Voxels(sampled.key()),
-            Self::Scalars(scalars) => SamplesKey::Scalars(scalars.key()),
+            Self::Voxels(voxels) => voxels.id,
+            Self::Scalars(_, id) => *id,
         }
+    }
+
+    /// Returns the boxes around the splats of bricks, or the box of scalars.
+    pub(super) fn boxes(&self) -> impl Iterator<Item = [[u32; 3]; 2]> {
+        self.bricks().map(|brick| brick.bounds).chain(self.scalars().map(|scalars| scalars.bounds))
+    }
+
+    fn scalars(&self) -> Option<&SampledScalars> {
+        if let Self::Scalars(scalars, _) = self { Some(scalars) } else { None }
+    }
+
+    /// Returns the bricks with visible voxels.
+    fn bricks(&self) -> impl Iterator<Item = &BrickSplats> {
+        let voxels = if let Self::Voxels(voxels) = self { Some(voxels) } else { None };
+        voxels.into_iter().flat_map(|voxels| voxels.bricks())
     }
 }
 
@@ -323,21 +320,15 @@ impl Packed {
         packed.iter().enumerate().filter(is_first).map(|(_, volume)| volume.bytes).sum()
     }
 
-    /// Returns whether the volume is packed like `packing` and holds splats at the places of `source`.
-    pub(super) fn serves(&self, packing: Packing, source: Option<Source>) -> bool {
-        packing.stored() == self.packing && self.has_places_of(source)
+    /// Returns whether the volume is packed like `packing` of `source`.
+    pub(super) fn serves(&self, packing: Packing, source: &Packable) -> bool {
+        packing.stored() == self.packing && self.source == source.id()
     }
 
-    /// Returns whether the splats of `source` can be packed over the volume's own: from lists, and into pages, the
-    /// stage writes the places of splats only, otherwise the `whole` texture is written.
-    pub(super) fn has_room_for(&self, packing: Packing, source: Option<Source>, whole: bool) -> bool {
-        let is_written = whole && packing.layout != TextureLayout::Pages;
-        self.serves(packing, source) || is_written && packing.stored().is_in_box_of(&self.packing)
-    }
-
-    /// Returns whether the volume's splats are at the places of `source`.
-    fn has_places_of(&self, source: Option<Source>) -> bool {
-        self.source.map(|source| source.places) == source.map(|source| source.places)
+    /// Returns whether other voxels can be packed over the volume's own: into pages the stage writes the places of
+    /// visible voxels only.
+    pub(super) fn has_room_for(&self, packing: Packing) -> bool {
+        packing.layout == TextureLayout::Box && packing.stored().is_in_box_of(&self.packing)
     }
 }
 
@@ -345,8 +336,8 @@ impl Packed {
 #[derive(Debug)]
 pub(crate) struct Packed {
     pub(super) packing: Packing,
-    /// The splats of which the volume is packed.
-    pub(super) source: Option<Source>,
+    /// The number of the voxels of which the volume is packed.
+    source: u64,
     pub(super) volume: wgpu::TextureView,
     /// The marks of macrocells: see shaders/common/packing.wgsl.
     pub(super) marks: wgpu::Buffer,
@@ -358,8 +349,6 @@ pub(crate) struct Packed {
     pub(super) bytes: u64,
     /// The light on the voxels; `None`: their colours do not depend on light.
     pub(super) light: Option<SplatLight>,
-    /// The splats in the form that the stage of lists reads; `None` for samples.
-    runs: Option<Runs>,
 }
 
 /// The stages that pack on the device.
@@ -370,38 +359,26 @@ pub(super) struct Packer {
 }
 
 impl Packer {
-    /// Makes the stages that pack lists of splats, or samples in their place.
     pub(super) fn new(
         context: &Context,
         constants: &[Constant],
         (voxel, layout): (Voxel, TextureLayout),
-        samples: Option<SamplesKey>,
+        source: PackableKey,
     ) -> Self {
-        let voxels = match samples {
-            Some(key) => stage_of_samples(context, constants, voxel, key),
-            None => stage(context, constants, voxel),
-        };
+        let voxels = stage(context, constants, voxel, source);
         Self { voxels, pages: (layout == TextureLayout::Pages).then(|| pages::stage(context)) }
     }
 }
 
-/// Makes the stage that packs lists of splats.
-fn stage(context: &Context, constants: &[Constant], voxel: Voxel) -> Stage {
-    let shader = if voxel == Voxel::Scalar { shaders::PACK_SCALARS } else { shaders::PACK_VECTORS };
-    let voxels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
-    let slots = [Uniform, Uniform, Read, Write, voxels, Read, Read, Read];
-    Stage::new(context, shader, ("pack", "voxels"), &slots, constants)
-}
-
-/// Makes the stage that packs samples.
-fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key: SamplesKey) -> Stage {
+/// Makes the stage that packs voxels.
+fn stage(context: &Context, constants: &[Constant], voxel: Voxel, key: PackableKey) -> Stage {
     let texels = Binding::StorageTexture(voxel.format(), wgpu::TextureViewDimension::D3);
     let (shader, entry, slots, own) = match key {
-        SamplesKey::Voxels(key) => {
+        PackableKey::Voxels(key) => {
             let slots = vec![Uniform, Read, Read, Write, texels, Read, Read, Uniform, Uniform, Read, Read, Read];
             (shaders::PACK_SAMPLES, "voxels", slots, key.constants().collect::<Vec<Constant>>())
         }
-        SamplesKey::Scalars(key) => {
+        PackableKey::Scalars(key) => {
             let shader = match (key.has_cells(), key.has_gradients()) {
                 (false, false) => shaders::PACK_SCALAR_SAMPLES,
                 (false, true) => shaders::PACK_GRADIENT_SAMPLES,
@@ -418,13 +395,12 @@ fn stage_of_samples(context: &Context, constants: &[Constant], voxel: Voxel, key
 }
 
 impl Packing {
-    /// Packs the splats of stores, whose largest weight is `max_weight`: into a new texture, or into the texture of
-    /// `over`, which has room for them. A packer of samples reads these in place of the stores.
+    /// Packs voxels, whose largest weight is `max_weight`: into a new texture, or into the texture of `over`, which has
+    /// room for them.
     pub(super) fn pack(
         self,
         recorder: &mut Recorder<'_>,
-        (packer, samples): (&Packer, Option<&Samples>),
-        (stores, source): (&[Store], Option<Source>),
+        (packer, source): (&Packer, &Packable),
         light: &SplatLight,
         max_weight: f64,
         over: Option<Packed>,
@@ -434,41 +410,29 @@ impl Packing {
             _ => libm::exp2(libm::log2(F16_HEADROOM / max_weight.max(f64::MIN_POSITIVE)).floor()).min(MAX_SCALE),
         };
         // Voxels of others that show nothing now.
-        let clears = over.as_ref().is_some_and(|over| !over.has_places_of(source));
-        let (volume, marks, pages, runs) = match over {
-            Some(Packed { volume, marks, pages, runs, .. }) => (volume.texture().clone(), marks, pages, runs),
+        let clears = over.as_ref().is_some_and(|over| over.source != source.id());
+        let (volume, marks, pages) = match over {
+            Some(Packed { volume, marks, pages, .. }) => (volume.texture().clone(), marks, pages),
             None => {
                 let (volume, marks) = self.targets(recorder.context)?;
                 let pages = match &packer.pages {
-                    Some(stage) => self.page_table(recorder, stage, stores)?,
+                    Some(stage) => self.page_table(recorder, stage, source)?,
                     None => recorder.context.upload("pack.pages", &[], wgpu::BufferUsages::STORAGE)?,
                 };
-                (volume, marks, pages, None)
+                (volume, marks, pages)
             }
         };
         let volume = volume.create_view(&wgpu::TextureViewDescriptor::default());
-        let (stage, to) = (&packer.voxels, (&volume, &marks, &pages));
-        let runs = match samples {
-            Some(samples) => {
-                self.fill_from_samples(recorder, stage, (samples, clears), light, scale as f32, to)?;
-                None
-            }
-            None => {
-                let runs = runs.map_or_else(|| Runs::new(recorder.context, stores), Ok)?;
-                self.fill_from_lists(recorder, stage, (stores, &runs), light, scale as f32, to)?;
-                Some(runs)
-            }
-        };
+        self.fill(recorder, &packer.voxels, (source, clears), (light, scale as f32), (&volume, &marks, &pages))?;
         Ok(Packed {
             packing: self,
-            source,
+            source: source.id(),
             volume,
             marks,
             pages,
             scale,
             bytes: self.bytes(),
             light: self.voxel.is_lit().then(|| light.clone()),
-            runs,
         })
     }
 }

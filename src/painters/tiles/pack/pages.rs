@@ -2,7 +2,7 @@
 //! pages only, and a table says where each page of the box is in it. Brick pools of volume renderers are the same
 //! (Crassin et al. 2009, "GigaVoxels"). See shaders/common/pages.wgsl.
 
-use super::{Packing, TextureLayout};
+use super::{Packable, Packing, TextureLayout};
 use crate::error::Result;
 use crate::gpu::context::Context;
 use crate::gpu::layout::{PageTable, PagedBrick};
@@ -10,7 +10,6 @@ use crate::gpu::pipeline::Binding::{Read, Uniform, Write};
 use crate::gpu::recorder::Recorder;
 use crate::gpu::shaders;
 use crate::gpu::stage::{Stage, for_each};
-use crate::gpu::store::Store;
 use crate::painters::tiles::axis::unordered;
 use crate::splats::brick::{BrickSplats, PAGE};
 use crate::volume::BRICK_EDGE as EDGE;
@@ -25,9 +24,9 @@ fn count(brick: &BrickSplats) -> u64 {
     brick.pages.iter().map(|word| u64::from(word.count_ones())).sum()
 }
 
-/// Returns the number of pages with splats; `None`: some splats are of a coarser level.
-pub(in crate::painters::tiles) fn occupied(stores: &[Store]) -> Option<u64> {
-    stores.iter().flat_map(|store| &store.bricks).map(|brick| (brick.level == 0).then(|| count(brick))).sum()
+/// Returns the number of pages with visible voxels; `None` for scalars, which are everywhere.
+pub(in crate::painters::tiles) fn occupied(source: &Packable) -> Option<u64> {
+    source.scalars().is_none().then(|| source.bricks().map(count).sum())
 }
 
 /// Returns the numbers of pages along each axis of a texture of `occupied` pages, and one more without splats.
@@ -67,7 +66,7 @@ impl Packing {
         &self,
         recorder: &mut Recorder<'_>,
         stage: &Stage,
-        stores: &[Store],
+        source: &Packable,
     ) -> Result<wgpu::Buffer> {
         let context = recorder.context;
         let dims = self.table_dims();
@@ -81,8 +80,7 @@ impl Packing {
             let low = [0, 1, 2].map(|axis| (brick.origin[axis] / PAGE).wrapping_sub(self.low[axis] / PAGE));
             PagedBrick { low, first, pages: brick.pages }
         };
-        let bricks = stores.iter().flat_map(|store| &store.bricks).filter(|brick| count(brick) > 0);
-        let bricks: Vec<PagedBrick> = bricks.map(paged).collect();
+        let bricks: Vec<PagedBrick> = source.bricks().map(paged).collect();
         let table = context.buffer("pack.pages", self.table_bytes(), wgpu::BufferUsages::STORAGE)?;
         let parameters =
             context.upload("pages.parameters", bytemuck::bytes_of(&parameters), wgpu::BufferUsages::UNIFORM)?;

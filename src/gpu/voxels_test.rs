@@ -1,31 +1,33 @@
-//! Splats that are no list, beside lists of the same splats.
-
-use std::ops::Range;
+//! Lists of splats of voxels, and the samples that the device holds.
 
 use super::adapter_test::adapter;
 use super::cache::Cache;
-use super::classify::Classifier;
 use super::context::Context;
 use super::held_samples::HeldSamples;
 use super::kept_voxels::KeptVoxels;
-use super::recorder::Recorder;
-use super::sampled::Sampled;
+use super::list::listed;
 use super::samples::Input;
-use super::scan::Scan;
-use super::store::{Drawable, Store};
+use super::voxels::Voxels;
 use crate::lighting::Normals;
 use crate::progress::Progress;
-use crate::splats::brick::BrickSplats;
 use crate::transfer::{Classification, ControlPoint, GradientPoint, TransferFunction};
 use crate::volume::{Grid, Samples, Volume};
 
-/// Returns the words of splats.
-fn words(context: &Context, store: &Store) -> Vec<u32> {
-    let mut recorder = Recorder::untimed(context);
-    let buffer = store.on_device(context).unwrap();
-    let words = recorder.read_back("test", &buffer, u64::from(store.count) * store.stride).unwrap();
-    recorder.submit();
-    words.values(context, "test").unwrap()
+/// The first lattice point of a brick with splats, the box around them, and their words with the place in the brick.
+type Listed = ([u32; 3], [[u32; 3]; 2], Vec<[u32; 4]>);
+
+/// Lists the splats of each brick.
+fn splats(context: &Context, pipelines: &Cache, voxels: &Voxels) -> Vec<Listed> {
+    let mut all = Vec::new();
+    for store in &listed(context, pipelines, voxels).unwrap() {
+        let words = store.words(context).unwrap();
+        for (brick, run) in store.runs() {
+            let splats = words.chunks_exact(4).skip(run.start as usize).take(run.len());
+            let splats = splats.map(|splat| [splat[0] & 0x7fff, splat[1], splat[2], splat[3]]);
+            all.push((brick.origin, brick.bounds, splats.collect()));
+        }
+    }
+    all
 }
 
 /// Makes a volume whose faces cut bricks.
@@ -33,10 +35,11 @@ fn volume(samples: Samples) -> Volume {
     Volume::new(Grid::axis_parallel([70, 70, 950], [1.0, 0.8, 1.7]).unwrap(), samples).unwrap()
 }
 
-/// The middle one of three batches of bricks is invisible.
+/// The middle one of three batches of bricks is invisible. In small buffers, and with normals that are not kept, the
+/// splats are the same.
 #[test]
-fn listed_samples_are_the_splats_of_a_classification() {
-    let context = Context::new(Some(&adapter())).unwrap();
+fn lists_are_the_same_however_the_device_holds_samples() {
+    let context = || Context::new(Some(&adapter())).unwrap();
     let value = |i: usize| if (150..920).contains(&(i / 4900)) { 0 } else { i * 37 % 251 * (i / 70 % 5) / 8 };
     let values: Vec<usize> = (0..70 * 70 * 950).map(value).collect();
     let point = |value, opacity| ControlPoint { value, color: [0.9, 0.5, value / 200.0], opacity };
@@ -45,37 +48,25 @@ fn listed_samples_are_the_splats_of_a_classification() {
     let thinned = transfer.clone().with_gradient_opacity(thins).unwrap();
     let bytes = || Samples::U8(values.iter().map(|&v| v as u8).collect());
     let floats = || Samples::F32(values.iter().map(|&v| v as f32).collect());
+    let (mut small, mut without) = (context(), context());
+    small.limits.max_storage_buffer_binding_size = 2 << 20;
+    without.savings.normals = false;
     for (volume, transfer, lit) in
         [(volume(bytes()), &transfer, false), (volume(bytes()), &thinned, true), (volume(floats()), &transfer, true)]
     {
-        let (pipelines, held, kept) = (Cache::default(), HeldSamples::default(), KeptVoxels::default());
-        let progress = Progress::default();
-        let input = Input::new(&context, &volume, transfer, lit.then(Normals::default), &progress).unwrap();
-        let sampled = Sampled::run(&pipelines, &input, &held, &kept).unwrap();
-        let listed = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
-        assert!(Sampled::of(&sampled.stores).is_some() && Sampled::of(&listed.stores).is_none());
-        assert_eq!(sampled.bricks.all, listed.bricks.all);
-        // Both have the same bricks, which one numbers without invisible batches and the other one without invisible
-        // bricks.
-        let splats = |made: &Drawable| {
-            let mut all = Vec::new();
-            for store in &made.stores {
-                let words = words(&context, store);
-                for (brick, run) in store.runs() {
-                    let splats = words.chunks_exact(4).skip(run.start as usize).take(run.len());
-                    let places = splats.map(|splat| {
-                        let normal = if lit { splat[3] } else { 0 };
-                        [splat[0] & 0x7fff, splat[1], splat[2], normal]
-                    });
-                    all.push((brick.origin, brick.bounds, places.collect::<Vec<_>>()));
-                }
-            }
-            all
+        let of = |context: &Context| {
+            let (pipelines, held, kept) = (Cache::default(), HeldSamples::default(), KeptVoxels::default());
+            let progress = Progress::default();
+            let input = Input::new(context, &volume, transfer, lit.then(Normals::default), &progress).unwrap();
+            let (voxels, bricks) = Voxels::of_samples(&pipelines, &input, &held, &kept).unwrap();
+            let splats = splats(context, &pipelines, &voxels);
+            let count: usize = splats.iter().map(|(.., splats)| splats.len()).sum();
+            assert_eq!((bricks.all, count as u64), (9 * 30, voxels.count()));
+            splats
         };
-        let [own, others] = [&sampled, &listed].map(splats);
-        assert_eq!([own.len(), others.len()], [63; 2]);
-        assert!(own == others);
-        assert!(Sampled::of(&sampled.stores).is_none());
+        let expected = of(&context());
+        assert_eq!(expected.len(), 63);
+        assert!(of(&small) == expected && of(&without) == expected);
     }
 }
 
@@ -106,6 +97,8 @@ fn bricks_that_may_show_are_held_and_sent_once() {
         transfer.with_classification(Classification::Point)
     };
     let mut context = Context::new(Some(&adapter())).unwrap();
+    let (mut holds_all, pipelines_of_all) = (Context::new(Some(&adapter())).unwrap(), Cache::default());
+    holds_all.savings.bricks = false;
     context.savings.paged_bytes = 0;
     // Two rows of bricks in a buffer.
     context.limits.max_storage_buffer_binding_size = 10 * 4 * 36_u64.pow(3);
@@ -124,30 +117,22 @@ fn bricks_that_may_show_are_held_and_sent_once() {
         let input = Input::new(&context, &volume, &transfer, Some(Normals::Gradient), &progress).unwrap();
         let kept = KeptVoxels::default();
         let before = context.traffic().sent;
-        let sampled = Sampled::run(&pipelines, &input, &held, &kept).unwrap();
-        assert_eq!(sampled.bricks.bytes, bricks_of(sent) * of_brick, "{shown:?}");
-        assert!(context.traffic().sent - before < sampled.bricks.bytes + (64 << 10));
+        let (voxels, bricks) = Voxels::of_samples(&pipelines, &input, &held, &kept).unwrap();
+        assert_eq!(bricks.bytes, bricks_of(sent) * of_brick, "{shown:?}");
+        assert!(context.traffic().sent - before < bricks.bytes + (64 << 10));
         assert_eq!(held.bytes(), bricks_of(are_held) * of_brick, "{shown:?}");
-        let listed = Classifier::new(&input).run(&Scan::new(&context), &input).unwrap();
-        let splats = |made: &Drawable| {
-            let all = made.stores.iter().flat_map(|store| {
-                let words = words(&context, store);
-                let splat = |n: u32| words[4 * n as usize..][..4].to_vec();
-                let own = |(brick, run): (&BrickSplats, Range<u32>)| {
-                    (brick.origin, run.map(|n| (splat(n)[0] & 0x7fff, splat(n)[1..].to_vec())).collect::<Vec<_>>())
-                };
-                store.runs().map(own).collect::<Vec<_>>()
-            });
-            all.collect::<Vec<_>>()
-        };
-        let [own, others] = [&sampled, &listed].map(splats);
+        let (all, kept) = (HeldSamples::default(), KeptVoxels::default());
+        let input = Input::new(&holds_all, &volume, &transfer, Some(Normals::Gradient), &progress).unwrap();
+        let (others, _) = Voxels::of_samples(&pipelines_of_all, &input, &all, &kept).unwrap();
+        assert_eq!(all.bytes(), 60 * of_brick);
+        let own = splats(&context, &pipelines, &voxels);
         assert_eq!(own.len() as u64, bricks_of(shown));
-        assert!(own == others, "{shown:?}");
+        assert!(own == splats(&holds_all, &pipelines_of_all, &others), "{shown:?}");
     }
     // More than a quarter: all.
     let transfer = showing(&[0, 1, 2, 3, 10, 11, 12, 20, 21, 22, 30, 31, 32]);
     let input = Input::new(&context, &volume, &transfer, Some(Normals::Gradient), &progress).unwrap();
     let already = held.bytes();
-    let sampled = Sampled::run(&pipelines, &input, &held, &KeptVoxels::default()).unwrap();
-    assert_eq!([held.bytes(), sampled.bricks.bytes], [60 * of_brick, 60 * of_brick - already]);
+    let (_, bricks) = Voxels::of_samples(&pipelines, &input, &held, &KeptVoxels::default()).unwrap();
+    assert_eq!([held.bytes(), bricks.bytes], [60 * of_brick, 60 * of_brick - already]);
 }

@@ -1,6 +1,6 @@
-// shadows_of_samples: what shadows write and read for visible voxels of samples, as occluders.wgsl and kept.wgsl for
-// splats. `occluders` stores extinctions into a box of voxels that is 0 elsewhere, `keep` sets the share of a light
-// that arrives in two words for each voxel. An invocation for each voxel of some bricks.
+// shadows_of_voxels: what shadows write and read for visible voxels. `occluders` stores extinctions into a box of voxels
+// that is 0 elsewhere, `keep` sets the share of a light that arrives in two words for each voxel. An invocation for each
+// voxel of some bricks.
 // uses: common/casting, common/dispatch, common/sampled
 
 @group(0) @binding(3) var<uniform> light_box: LightBox;
@@ -21,7 +21,7 @@ fn occluders(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) 
         return;
     }
     let voxel = brick_voxel(index);
-    let density = splat_density(appearance_of(sample_of(voxel.row, voxel.x)).x);
+    let density = splat_density(appearance_of(voxel).x);
     field[index_in_box(voxel.point)] = occluder(density, voxel.point);
 }
 
