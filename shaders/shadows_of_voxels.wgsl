@@ -1,6 +1,6 @@
-// shadows_of_voxels: what shadows write and read for visible voxels. `occluders` stores extinctions into a box of voxels
-// that is 0 elsewhere, `keep` sets the share of a light that arrives in two words for each voxel. An invocation for each
-// voxel of some bricks.
+// shadows_of_voxels: what shadows write and read for visible voxels. `occluders` stores extinctions into a box of
+// voxels that is 0 elsewhere, `keep` sets the share of a light that arrives in two words for each voxel. An invocation
+// for each voxel of some bricks.
 // uses: common/casting, common/dispatch, common/sampled
 
 @group(0) @binding(3) var<uniform> light_box: LightBox;

@@ -1,5 +1,5 @@
-//! cells: the samples of a volume to lit cells of a level, on the device: shaders/lit_rows.wgsl and cells.wgsl. Boxes of
-//! cells are made one after the other: the sums along x and y of planes of voxels, then the sums along z.
+//! cells: the samples of a volume to lit cells of a level, on the device: shaders/lit_rows.wgsl and cells.wgsl. Boxes
+//! of cells are made one after the other: the sums along x and y of planes of voxels, then the sums along z.
 //!
 //! Which voxels of the samples are visible, and their normals, is found once and kept: kept_voxels.rs.
 

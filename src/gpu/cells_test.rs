@@ -138,6 +138,7 @@ fn cells_without_kept_normals(sizes: &[CellSize]) {
     let [layers, rows] = [10, 7].map(|bricks| {
         let mut small = self::context();
         small.limits.max_storage_buffer_binding_size = bricks * 38_u64.pow(3);
+        small.savings.bricks = false;
         small
     });
     let of = vessels(70);

@@ -145,8 +145,8 @@ impl HeldSamples {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map_or(0, |(_, held)| held.bytes())
     }
 
-    /// Calls `work` with these bricks and all bricks that were held before, or with all bricks of the volume. Sends the samples first that the device
-    /// does not hold; also returns the bytes that were sent.
+    /// Calls `work` with these bricks and all bricks that were held before, or with all bricks of the volume. Sends the
+    /// samples first that the device does not hold; also returns the bytes that were sent.
     pub(super) fn with<T>(
         &self,
         input: &Input<'_>,
@@ -162,13 +162,14 @@ impl HeldSamples {
         // samples have no voxels of other bricks, so that they can be packed over.
         let held = before.iter().flat_map(|(_, held)| &held.set.0);
         needed.iter_mut().zip(held).for_each(|(needed, held)| *needed |= held);
-        let needed = BrickSet(needed).or_all(input, before.is_none());
+        let needed = BrickSet(needed);
         // Samples in another format are dropped first, so that both are never in memory together.
         let before = before.filter(|(of, _)| *of == key).map(|(_, held)| held);
         let (held, bytes) = match before {
             Some(held) if held.set == needed => (held, 0),
             before => {
-                let (held, bytes) = HeldBricks::send(input, needed, before.as_deref())?;
+                let set = needed.or_all(input, before.is_none());
+                let (held, bytes) = HeldBricks::send(input, set, before.as_deref())?;
                 (Arc::new(held), bytes)
             }
         };

@@ -15,8 +15,8 @@
 //!   scalars. The device gets the words of visible voxels in place of samples. Its time is a part of `classify`.
 //! - `list` (shader `list`; `list.rs`) makes lists of splats of visible voxels, for `quads`. Its time is a part of
 //!   `classify`.
-//! - `shadows` (shaders `shadows_of_voxels`, `filter`, `sweep`, `converging`, `around`) computes the share of each light
-//!   that reaches a voxel, once per set of lights, a few planes at a time, without a wait. Its time is a part of
+//! - `shadows` (shaders `shadows_of_voxels`, `filter`, `sweep`, `converging`, `around`) computes the share of each
+//!   light that reaches a voxel, once per set of lights, a few planes at a time, without a wait. Its time is a part of
 //!   `classify`. Files: `shadows.rs`, `shadows/voxels.rs`; `lighting/shadow/plan.rs` has the plans,
 //!   `prepare/shadows.rs` keeps the occluders, and `prepare/light_on_host.rs` computes exact sums and shadows that the
 //!   device has no room for.
@@ -44,8 +44,9 @@
 //! brick whose range is invisible under the transfer function is not uploaded, unless the device holds the samples of
 //! all bricks. It does so from the second transfer function on if the samples take less than 128 MiB, and from the
 //! first on if they take more, up to 4 GiB, and over a quarter of the bricks may show. Otherwise it holds the bricks
-//! that have shown, and others are sent as they show. Over 4 GiB of bricks that show are refused. A splat stores its brick and its place in the brick: 16 bytes as a classified voxel and 24
-//! with shares of light, 8 as a scalar and 16 as a scalar with a gradient (`shaders/common/splat.wgsl`).
+//! that have shown, and others are sent as they show. Over 4 GiB of bricks that show are refused. A splat stores its
+//! brick and its place in the brick: 16 bytes as a classified voxel and 24 with shares of light, 8 as a scalar and 16
+//! as a scalar with a gradient (`shaders/common/splat.wgsl`).
 //!
 //! # Shaders
 //!

@@ -78,8 +78,8 @@ impl SampleCoding {
         Self { sample_type: sample_type.unwrap_or(4), origin, reduction, slope, intercept }
     }
 
-    /// Returns the coding of scalars of this reduction. The host reduces samples whose factor to scalars, or its inverse,
-    /// is no normal number of f32.
+    /// Returns the coding of scalars of this reduction. The host reduces samples whose factor to scalars, or its
+    /// inverse, is no normal number of f32.
     fn of_scalars(self, reduction: Reduction) -> Self {
         const MOST_FACTOR: f64 = 1e37;
         let is_normal = (1.0 / MOST_FACTOR..MOST_FACTOR).contains(&(self.slope * reduction.factor()));

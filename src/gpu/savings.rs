@@ -16,7 +16,8 @@ pub(crate) struct Savings {
     pub(crate) normals: bool,
     /// The least bytes of a nearly empty box of which GPUs hold only the pages that have splats, and of the samples of
     /// a nearly empty volume of which they hold only the bricks that may show. Smaller boxes are held whole, because
-    /// rays look up every pair of voxels in pages; of smaller volumes all samples, because other bricks may show later.
+    /// rays look up every pair of voxels in pages; of smaller volumes, from the second transfer function on, all
+    /// samples.
     pub(crate) paged_bytes: u64,
 }
 

@@ -136,3 +136,19 @@ fn bricks_that_may_show_are_held_and_sent_once() {
     let (_, bricks) = Voxels::of_samples(&pipelines, &input, &held, &KeptVoxels::default()).unwrap();
     assert_eq!([held.bytes(), bricks.bytes], [60 * of_brick, 60 * of_brick - already]);
 }
+
+#[test]
+fn samples_beyond_the_device_are_refused_with_what_helps() {
+    let mut context = Context::new(Some(&adapter())).unwrap();
+    // Less than a row of bricks.
+    context.limits.max_storage_buffer_binding_size = 2 * 32_u64.pow(3);
+    let volume = volume(Samples::U8(vec![100; 70 * 70 * 950]));
+    let point = |value, opacity| ControlPoint { value, color: [1.0; 3], opacity };
+    let transfer = TransferFunction::new(vec![point(20.0, 0.0), point(120.0, 0.9)], None).unwrap();
+    let (pipelines, held, kept) = (Cache::default(), HeldSamples::default(), KeptVoxels::default());
+    let progress = Progress::default();
+    let input = Input::new(&context, &volume, &transfer, None, &progress).unwrap();
+    let refused = Voxels::of_samples(&pipelines, &input, &held, &kept).map(drop).unwrap_err().to_string();
+    assert!(refused.contains("draw bricks (voxsplat plan), or use --painter cpu"), "{refused}");
+    assert_eq!(held.bytes(), 0);
+}

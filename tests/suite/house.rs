@@ -208,7 +208,7 @@ const LINES: [(&str, usize); 29] = [
     ("engine", 151),
     ("error", 146),
     ("frame", 67),
-    ("gpu", 5018),
+    ("gpu", 5019),
     ("host", 4818),
     ("image", 2207),
     ("kernel", 984),

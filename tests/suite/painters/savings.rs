@@ -76,8 +76,8 @@ fn only_what_a_scene_needs_is_made_and_sent() {
     let (volume, transfer) = balls();
     let pre = exact_quads();
     let post = Settings { shading: Shading::Post, ..pre.clone() };
-    // Pipelines: three of classification, with light a fourth of normals, two of the scan, three of the sort; one of splats and one that wipes sheets,
-    // one that composites or shades, one that resolves, and two of termination.
+    // Pipelines: three of classification, with light a fourth of normals, two of the scan, three of the sort; one of
+    // splats and one that wipes sheets, one that composites or shades, one that resolves, and two of termination.
     let scenes = [
         (pre.clone(), 12),
         (Settings { termination: 0.01, ..pre.clone() }, 14),
